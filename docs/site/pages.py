@@ -156,11 +156,12 @@ def header_page() -> Iterator[tuple[str, str]]:
     text = "# C and C++ headers\nWhat each header says of itself; its functions are described in it.\n"
     for folder in HEADERS:
         rows = []
-        for path in sorted([*(ROOT / folder).glob("*.h"), *(ROOT / folder).glob("*.hpp")]):
+        for path in sorted([*(ROOT / folder).rglob("*.h"), *(ROOT / folder).rglob("*.hpp")]):
             comment = re.match(r"(?:///? ?[^\n]*\n)+", path.read_text(encoding="utf-8"))
             if comment:
                 words = " ".join(line.lstrip("/").strip() for line in comment[0].splitlines())
-                rows.append((f"[`{path.name}`]({folder}/{path.name})", re.sub(r"([*_<>$\[\]])", r"\\\1", words)))
+                name = path.relative_to(ROOT / folder).as_posix()
+                rows.append((f"[`{name}`]({folder}/{name})", re.sub(r"([*_<>$\[\]])", r"\\\1", words)))
         text += f"\n## {folder}\n" + table(("header", "is for"), rows) + "\n"
     yield "headers.md", text
 

@@ -10,7 +10,7 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "core/hash.hpp"
+#include "core/robot/hash.hpp"
 
 namespace crux {
 namespace {

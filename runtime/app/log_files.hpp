@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "app/options.hpp"
-#include "core/robot_description.hpp"
+#include "core/robot/robot_description.hpp"
 #include "telemetry/log_source.hpp"
 
 namespace crux {

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "core/fault_list.hpp"
+#include "core/robot/fault_list.hpp"
 #include "crux_msgs/fault_t.hpp"
 
 namespace crux {

@@ -6,7 +6,7 @@
 
 #include "app/restart_keeper.hpp"
 #include "bus/bus.hpp"
-#include "core/reason.hpp"
+#include "core/robot/reason.hpp"
 
 namespace crux {
 namespace {

@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "app/cycle_loop.hpp"
-#include "core/prepared_plan.hpp"
-#include "core/robot_description.hpp"
+#include "core/plan/prepared_plan.hpp"
+#include "core/robot/robot_description.hpp"
 #include "crux_msgs/plan_t.hpp"
 #include "crux_msgs/restart_t.hpp"
 #include "exchange/runtime_exchange.hpp"

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "bus/bus.hpp"
-#include "core/node_protocol.hpp"
+#include "core/robot/node_protocol.hpp"
 #include "crux_can.h"
 #include "crux_msgs/status_t.hpp"
 

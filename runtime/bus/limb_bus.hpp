@@ -11,7 +11,7 @@
 #include "bus/frame_kind.hpp"
 #include "bus/limb_statistics.hpp"
 #include "bus/stream_watch.hpp"
-#include "core/robot_description.hpp"
+#include "core/robot/robot_description.hpp"
 #include "crux_msgs/control_input_t.hpp"
 #include "crux_msgs/control_output_t.hpp"
 #include "e2e.h"

@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/gravity.hpp"
-#include "core/internal_wrench.hpp"
-#include "core/node_protocol.hpp"
-#include "core/wrench_distribution.hpp"
+#include "core/loads/internal_wrench.hpp"
+#include "core/loads/wrench_distribution.hpp"
+#include "core/robot/gravity.hpp"
+#include "core/robot/node_protocol.hpp"
 
 namespace crux {
 namespace {

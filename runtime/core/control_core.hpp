@@ -12,23 +12,23 @@
 #include <crux_msgs/robot_state_t.hpp>
 #include <memory>
 
-#include "core/body_estimator.hpp"
-#include "core/calibration.hpp"
-#include "core/compliance_estimator.hpp"
-#include "core/delay_probe.hpp"
-#include "core/fault_monitor.hpp"
-#include "core/grasp_retry.hpp"
-#include "core/grasp_test.hpp"
-#include "core/hold_search.hpp"
-#include "core/limb_controller.hpp"
-#include "core/map_localisation.hpp"
-#include "core/plan_clock.hpp"
-#include "core/prepared_plan.hpp"
-#include "core/slip_watch.hpp"
-#include "core/stance_fit.hpp"
+#include "core/estimate/body_estimator.hpp"
+#include "core/estimate/compliance_estimator.hpp"
+#include "core/estimate/delay_probe.hpp"
+#include "core/estimate/map_localisation.hpp"
+#include "core/estimate/slip_watch.hpp"
+#include "core/estimate/stance_fit.hpp"
+#include "core/estimate/weight_balance.hpp"
+#include "core/grips/grasp_pull.hpp"
+#include "core/grips/grasp_retry.hpp"
+#include "core/grips/hold_search.hpp"
+#include "core/limb/calibration.hpp"
+#include "core/limb/limb_controller.hpp"
+#include "core/plan/plan_clock.hpp"
+#include "core/plan/prepared_plan.hpp"
 #include "core/stand_up.hpp"
-#include "core/supervisor.hpp"
-#include "core/weight_balance.hpp"
+#include "core/supervise/fault_monitor.hpp"
+#include "core/supervise/supervisor.hpp"
 
 namespace crux {
 
@@ -161,7 +161,7 @@ class ControlCore {
   BodyCorrection correction_;
   MapLocalisation localisation_;
   LoadSharing sharing_;
-  GraspTest test_;
+  GraspPull test_;
   GraspRetry retry_;
   StandUp rise_;
   PerLimb<HoldSearch> searches_;

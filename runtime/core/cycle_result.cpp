@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include "core/control_core.hpp"
-#include "core/node_protocol.hpp"
+#include "core/robot/node_protocol.hpp"
 
 namespace crux {
 namespace {

@@ -72,7 +72,7 @@ void ControlCore::test_grasps(const PlanReference& reference, double dt_s) noexc
     const bool climbs = supervisor_.state() == SupervisorState::kClimbing;
     // Beside a hold's edge there is nothing to grip: then it reaches to the other side.
     const bool misses = retry_.tried(l) && limbs_[l].finds_no_hold(reference.limbs[l], started_);
-    if (climbs && (misses || test_.result(l) == GraspTest::Result::kFailed) && retry_.begin(l)) {
+    if (climbs && (misses || test_.result(l) == GraspPull::Result::kFailed) && retry_.begin(l)) {
       test_.forget(l);
       limbs_[l].aim_beside(searches_[l].beside_W_m() + retry_.shift_W_m(reference.limbs[l]), reference.limbs[l]);
     }
@@ -188,8 +188,8 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
       clock_.wait_anew();
     }
     if (!limb.closing()) continue;
-    if (events[l].gripped && test_.result(l) == GraspTest::Result::kNone) begin_test(l);
-    events[l].gripped = test_.result(l) == GraspTest::Result::kPassed;
+    if (events[l].gripped && test_.result(l) == GraspPull::Result::kNone) begin_test(l);
+    events[l].gripped = test_.result(l) == GraspPull::Result::kPassed;
   }
   if (started_) clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
   if (test_.limb() >= 0) clock_.wait_anew();  // a pull takes as long as its load is heavy, and ends by itself

@@ -124,7 +124,7 @@ LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
     errors.finds_no_hold[l] = !plan_->point_feet && limbs_[l].finds_no_hold(reference_.limbs[l], started_);
     errors.opening_m[l] = limbs_[l].finger_opening_m();
     errors.hold_m[l] = reference_.limbs[l].finger_opening_m;
-    errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;
+    errors.grasp_failed[l] = test_.result(l) == GraspPull::Result::kFailed;
     // Joints at their stops bear what they do not tell.
     errors.ft_residual_Nm[l] = started_ && !rise_.rises() && moves_slowly(l) ? limbs_[l].ft_residual_Nm() : 0.0;
     errors.ft_frozen_Nm[l] = started_ && !rise_.rises() ? limbs_[l].ft_frozen_Nm() : 0.0;

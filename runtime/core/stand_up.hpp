@@ -2,7 +2,7 @@
 // than its limbs bear and reach.
 #pragma once
 
-#include "core/geometry.hpp"
+#include "core/robot/geometry.hpp"
 
 namespace crux {
 

@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "core/control_core.hpp"
-#include "core/geometry.hpp"
+#include "core/robot/geometry.hpp"
 #include "crux_msgs/bus_health_t.hpp"
 #include "crux_msgs/control_input_t.hpp"
 #include "crux_msgs/cycle_timing_t.hpp"

@@ -8,8 +8,8 @@
 #include <optional>
 #include <utility>
 
-#include "core/prepared_plan.hpp"
-#include "core/reason.hpp"
+#include "core/plan/prepared_plan.hpp"
+#include "core/robot/reason.hpp"
 #include "crux_msgs/acknowledgement_t.hpp"
 #include "crux_msgs/command_t.hpp"
 #include "crux_msgs/plan_t.hpp"

@@ -10,7 +10,7 @@
 
 #include "bus/limb_bus.hpp"
 #include "core/control_core.hpp"
-#include "core/geometry.hpp"
+#include "core/robot/geometry.hpp"
 #include "crux_msgs/bus_health_t.hpp"
 #include "crux_msgs/cycle_timing_t.hpp"
 #include "crux_msgs/fault_t.hpp"

@@ -6,7 +6,7 @@
 #include <cstdio>
 #include <string>
 
-#include "core/reason.hpp"
+#include "core/robot/reason.hpp"
 #include "crux_can.h"
 #include "crux_msgs/faults.hpp"
 

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "bus/limb_bus.hpp"
-#include "core/reason.hpp"
+#include "core/robot/reason.hpp"
 #include "crux_msgs/channels.hpp"
 #include "crux_msgs/fault_t.hpp"
 

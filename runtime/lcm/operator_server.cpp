@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "core/hash.hpp"
-#include "core/supervisor.hpp"
+#include "core/robot/hash.hpp"
+#include "core/supervise/supervisor.hpp"
 #include "crux_msgs/cdr.hpp"
 #include "lcm/messages.hpp"
 

@@ -13,7 +13,7 @@
 #include <string>
 #include <unordered_set>
 
-#include "core/robot_description.hpp"
+#include "core/robot/robot_description.hpp"
 #include "crux_msgs/acknowledgement_t.hpp"
 #include "crux_msgs/channels.hpp"
 #include "crux_msgs/command_t.hpp"

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/reason.hpp"
+#include "core/robot/reason.hpp"
 #include "crux_msgs/cdr.hpp"
 #include "crux_msgs/channels.hpp"
 

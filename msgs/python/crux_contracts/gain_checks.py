@@ -1,6 +1,6 @@
 """Which gains keep the admittance of a robot description stable against what it presses on.
 
-The loop and the criterion are those of runtime/core/stability.hpp.
+The loop and the criterion are those of runtime/core/robot/stability.hpp.
 """
 
 from __future__ import annotations

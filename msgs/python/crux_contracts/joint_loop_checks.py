@@ -1,6 +1,7 @@
 """How late a joint's answer may come before its position loop oscillates, judged when a robot description is read.
 
-The runtime has the same check (runtime/core/joint_loops.cpp); tests/cross/test_robot_verdicts.py holds both to it.
+The runtime has the same check (runtime/core/robot/joint_loops.cpp); tests/cross/test_robot_verdicts.py holds both to
+it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What planner and runtime stand on beyond the form of a URDF: a tree of bodies with masses, four mirrored limbs of one
 kind, fingers that close along the gripper's x.
 
-The runtime has the same rules in the same order (runtime/core/robot_rules.cpp); tests/cross/test_robot_verdicts.py
-holds both to one verdict.
+The runtime has the same rules in the same order (runtime/core/robot/robot_rules.cpp);
+tests/cross/test_robot_verdicts.py holds both to one verdict.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 // Admittance against the closed form of mass, damper and spring; grasp force against the formula worked by hand.
-#include "core/admittance.hpp"
+#include "core/limb/admittance.hpp"
 
 #include <Eigen/LU>
 #include <array>
 
-#include "core/grasp_force.hpp"
+#include "core/loads/grasp_force.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

@@ -1,12 +1,12 @@
 // The calibration of the admittance: bounds against a delayed loop that is played, the filter against Kalman's closed
 // form, and the whole against the best gains that trying all of them finds.
-#include "core/calibration.hpp"
+#include "core/limb/calibration.hpp"
 
 #include <Eigen/LU>
 #include <vector>
 
-#include "core/admittance.hpp"
-#include "core/stability.hpp"
+#include "core/limb/admittance.hpp"
+#include "core/robot/stability.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

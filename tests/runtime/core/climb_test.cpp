@@ -1,7 +1,7 @@
 // Whole climbs on a plant that obeys at once.
 #include <cstring>
 
-#include "core/node_protocol.hpp"
+#include "core/robot/node_protocol.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

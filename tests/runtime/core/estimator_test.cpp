@@ -1,8 +1,8 @@
 // Body pose from stance, slow correction, wrench from the F/T sensor.
 #include <Eigen/Geometry>
 
-#include "core/body_estimator.hpp"
-#include "core/wrench_estimator.hpp"
+#include "core/estimate/body_estimator.hpp"
+#include "core/estimate/wrench_estimator.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

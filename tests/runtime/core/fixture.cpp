@@ -5,9 +5,9 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "core/hash.hpp"
-#include "core/inverse_kinematics.hpp"
-#include "core/node_protocol.hpp"
+#include "core/robot/hash.hpp"
+#include "core/robot/inverse_kinematics.hpp"
+#include "core/robot/node_protocol.hpp"
 
 namespace crux_test {
 namespace {

@@ -8,7 +8,7 @@
 #include <random>
 
 #include "core/control_core.hpp"
-#include "core/robot_description.hpp"
+#include "core/robot/robot_description.hpp"
 
 namespace crux_test {
 

@@ -1,7 +1,7 @@
 // Geometry against Eigen's own, and SHA-256 against its published vector.
 #include <Eigen/Geometry>
 
-#include "core/hash.hpp"
+#include "core/robot/hash.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

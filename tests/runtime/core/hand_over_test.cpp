@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/node_protocol.hpp"
+#include "core/robot/node_protocol.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

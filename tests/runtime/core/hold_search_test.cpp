@@ -1,7 +1,7 @@
 // A hold that stands beside its place: a finger comes down on it, and the gripper goes over to that side.
-#include "core/hold_search.hpp"
+#include "core/grips/hold_search.hpp"
 
-#include "core/gravity.hpp"
+#include "core/robot/gravity.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

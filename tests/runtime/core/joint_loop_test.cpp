@@ -3,9 +3,9 @@
 #include <deque>
 #include <numbers>
 
-#include "core/delay_probe.hpp"
-#include "core/joint_loops.hpp"
-#include "core/oscillation_watch.hpp"
+#include "core/estimate/delay_probe.hpp"
+#include "core/estimate/oscillation_watch.hpp"
+#include "core/robot/joint_loops.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

@@ -1,8 +1,8 @@
 // Kinematics against closed form and finite differences; gravity against KDL's recursion and energy.
 #include <kdl/chainidsolver_recursive_newton_euler.hpp>
 
-#include "core/gravity.hpp"
-#include "core/inverse_kinematics.hpp"
+#include "core/robot/gravity.hpp"
+#include "core/robot/inverse_kinematics.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

@@ -2,8 +2,8 @@
 // answers.
 #include <Eigen/Geometry>
 
-#include "core/gravity.hpp"
-#include "core/load_sharing.hpp"
+#include "core/loads/load_sharing.hpp"
+#include "core/robot/gravity.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

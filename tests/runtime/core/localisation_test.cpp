@@ -2,8 +2,8 @@
 // it.
 #include <Eigen/Geometry>
 
-#include "core/body_estimator.hpp"
-#include "core/map_localisation.hpp"
+#include "core/estimate/body_estimator.hpp"
+#include "core/estimate/map_localisation.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

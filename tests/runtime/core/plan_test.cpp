@@ -4,8 +4,8 @@
 #include <limits>
 
 #include "../../msgs/golden_vectors.hpp"
-#include "core/plan_clock.hpp"
-#include "core/plan_validation.hpp"
+#include "core/plan/plan_clock.hpp"
+#include "core/plan/plan_validation.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

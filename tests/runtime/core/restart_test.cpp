@@ -5,7 +5,7 @@
 #include <functional>
 #include <string>
 
-#include "core/node_protocol.hpp"
+#include "core/robot/node_protocol.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

@@ -4,7 +4,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "core/robot_meaning.hpp"
+#include "core/robot/robot_meaning.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

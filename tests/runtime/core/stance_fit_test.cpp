@@ -1,13 +1,13 @@
 // The rigid fit of the stance: grippers that stand still on the wall under a body that moves, and one that does not.
-#include "core/stance_fit.hpp"
+#include "core/estimate/stance_fit.hpp"
 
 #include <Eigen/Geometry>
 
 #include <utility>
 
-#include "core/compliance_estimator.hpp"
-#include "core/slip_watch.hpp"
-#include "core/weight_balance.hpp"
+#include "core/estimate/compliance_estimator.hpp"
+#include "core/estimate/slip_watch.hpp"
+#include "core/estimate/weight_balance.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

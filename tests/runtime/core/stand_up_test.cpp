@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "core/inverse_kinematics.hpp"
-#include "core/node_protocol.hpp"
+#include "core/robot/inverse_kinematics.hpp"
+#include "core/robot/node_protocol.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

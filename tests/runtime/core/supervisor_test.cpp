@@ -5,7 +5,7 @@
 #include <limits>
 #include <string>
 
-#include "core/node_protocol.hpp"
+#include "core/robot/node_protocol.hpp"
 #include "crux_msgs/bus_health_t.hpp"
 #include "fixture.hpp"
 

@@ -9,9 +9,9 @@
 #include <iostream>
 #include <string_view>
 
-#include "core/admittance.hpp"
-#include "core/grasp_force.hpp"
-#include "core/gravity.hpp"
+#include "core/limb/admittance.hpp"
+#include "core/loads/grasp_force.hpp"
+#include "core/robot/gravity.hpp"
 #include "fixture.hpp"
 
 namespace {

@@ -1,8 +1,8 @@
 // Load sharing and the internal part of wrench errors: properties they must have whatever the numbers.
 #include <Eigen/Geometry>
 
-#include "core/internal_wrench.hpp"
-#include "core/wrench_distribution.hpp"
+#include "core/loads/internal_wrench.hpp"
+#include "core/loads/wrench_distribution.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

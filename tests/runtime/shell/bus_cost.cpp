@@ -11,7 +11,7 @@
 
 #include "bus/bus.hpp"
 #include "bus/limb_bus.hpp"
-#include "core/robot_description.hpp"
+#include "core/robot/robot_description.hpp"
 #include "crux_can.h"
 
 namespace {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "bus/bus.hpp"
-#include "core/node_protocol.hpp"
+#include "core/robot/node_protocol.hpp"
 #include "crux_can.h"
 
 namespace crux {

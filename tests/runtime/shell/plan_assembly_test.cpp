@@ -6,7 +6,7 @@
 #include <limits>
 #include <random>
 
-#include "core/hash.hpp"
+#include "core/robot/hash.hpp"
 #include "crux_msgs/cdr.hpp"
 #include "crux_msgs/plan_t.hpp"
 

@@ -1,0 +1,51 @@
+// Slips of one gripper on its hold: when it is one, what is done about it, and when it is over.
+#pragma once
+
+#include "core/estimate/stance_fit.hpp"
+#include "core/robot/geometry.hpp"
+
+namespace crux {
+
+/// A gripper moves against the stance (one witness): it squeezes with all it has, which can be undone. Where its grip
+/// bears as much of its squeeze as it ever did since contact, or more (two witnesses), it slips: its load goes to the
+/// others and the plan waits until it stands.
+class SlipWatch {
+ public:
+  explicit SlipWatch(const StanceParameters& parameters) : parameters_(parameters) {}
+
+  /// Once a cycle. `used`: limit_surface_utilisation as felt; 0: not known yet; then only a way of max_slip_m
+  /// counts.
+  void update(int limb, const StanceFit& stance, bool holds, double used, double dt_s) noexcept;
+
+  /// Squeeze with all there is, until the gripper opens.
+  bool squeezes() const { return squeezes_; }
+  bool slips() const { return slips_; }
+  /// It has slid too far in spite of that.
+  bool out_of_hand() const { return out_of_hand_; }
+  /// Slid since contact, from where its first slip began [m].
+  double slid_m() const { return slid_m_; }
+  /// Share of its load that it is to bear.
+  double relief() const { return relief_; }
+  /// The most that it was `used` since contact without a slip, the last moments left out: the grasp is as good as that.
+  double borne() const { return most_used_; }
+  /// `used` as it began to slip last: the grasp is no better than that. 0: it has not slipped since contact.
+  double slipped_at() const { return slipped_at_; }
+
+ private:
+  void look_at_grip(double used) noexcept;
+  int window_of_motion(int limb, const StanceFit& stance, bool witnessed) const noexcept;
+
+  StanceParameters parameters_;
+  bool squeezes_ = false, slips_ = false, out_of_hand_ = false;
+  double most_used_ = 0.0, lately_used_ = 0.0;  ///< since contact without, and with, the last moments
+  double block_used_ = 0.0;
+  double slipped_at_ = 0.0;
+  int block_cycles_ = 0;
+  int used_up_cycles_ago_ = 0;
+  double witnessed_s_ = 0.0;
+  Eigen::Vector2d from_m_ = Eigen::Vector2d::Zero(), rest_m_ = Eigen::Vector2d::Zero();  ///< along the faces
+  double still_s_ = 0.0, slid_m_ = 0.0;
+  double relief_ = 1.0;
+};
+
+}  // namespace crux

@@ -1,0 +1,116 @@
+// The rigid fit of the stance, limb by limb: grippers that hold the wall do not move against each other. What one of
+// them moves, seen from the others, its hold, its grip or its encoders have done.
+#pragma once
+
+#include <array>
+
+#include "core/robot/geometry.hpp"
+#include "core/robot/limb_kinematics.hpp"
+#include "core/robot/robot_description.hpp"
+
+namespace crux {
+
+/// Motion of a gripper against the rest of the stance, axes of the gripper.
+struct Misfit {
+  Vector3 shift_G_m = Vector3::Zero();
+  Vector3 turn_G_rad = Vector3::Zero();
+};
+
+/// What the fit takes of a limb in a cycle.
+struct FittedLimb {
+  const LimbState* state = nullptr;
+  JointVector torque_Nm = JointVector::Zero();  ///< measured
+  bool holds = false;                           ///< the gripper is closed on its hold
+};
+
+/// Every gripper that holds gives the motion of the body by itself, position and orientation. A limb is fitted against
+/// the others alone (leave one out). Positions without orientations could not tell which limb it is: four grips in a
+/// plane share one way to warp. Only change counts, since contact or within a window of time, so what joints were homed
+/// wrongly and holds that are not on their places show only as far as the body moves.
+/// A joint whose torque was small in the window may have gone through its play, which its encoder, at the motor, takes
+/// for motion of the gripper: what such joints can explain of it is no slip.
+class StanceFit {
+ public:
+  static constexpr int kWindows = 3;
+  static constexpr std::array<int, kWindows> kCycles = {25, 100, 500};  ///< of each window
+
+  explicit StanceFit(const StanceParameters& parameters) : parameters_(parameters) {}
+
+  /// Contact counts from now on, wherever the grippers are.
+  void begin_anew() noexcept {
+    for (Standing& limb : limbs_) limb.holds = false;
+  }
+
+  /// What was seen of play counts no longer: more of it is possible again.
+  void forget_play() noexcept { begun_ = false; }
+
+  /// Once a cycle.
+  void update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept;
+
+  /// Against the others since contact; zero where fewer than two others hold.
+  const Misfit& since_contact(int limb) const { return since_contact_[limb]; }
+  /// How far of that it is along its faces, beyond what play of its joints explains [m].
+  double slid_m(int limb) const noexcept;
+  /// The limb without which the others fit best, in the shortest window; -1 where fewer than three hold.
+  int odd_limb() const { return moved_[0].limb; }
+
+  /// What moved within a window.
+  struct Moved {
+    int limb = -1;                                    ///< the odd one; -1: fewer than three held all the time
+    bool alone = false;                               ///< the others fit much better
+    Eigen::Vector2d way_m = Eigen::Vector2d::Zero();  ///< along its faces, beyond what play explains
+  };
+  const Moved& moved(int window) const { return moved_[window]; }
+  /// How far play has made grippers seem to move, lately.
+  double play_m() const { return play_m_; }
+
+ private:
+  using Row = Vector6;  ///< shift and turn of a gripper, axes of the stance's frame
+  static constexpr int kPast = kCycles.back() + 1;
+  struct Standing {
+    bool holds = false;
+    int cycles = 0;                      ///< since contact
+    Pose anchor_S;                       ///< of the gripper at contact
+    Row off = Row::Zero();               ///< from the anchor, with the body where all limbs fit best
+    Row path = Row::Zero();              ///< the same without the jumps of other limbs that grip or release
+    std::array<Row, kPast> past{};       ///< of `path`
+    Matrix6 map = Matrix6::Identity();   ///< motion of the body to motion of the gripper
+    Matrix6 joints_G = Matrix6::Zero();  ///< motion of joints to motion of the gripper, its own axes
+    Matrix3 rotation_GS = Matrix3::Identity();
+    JointVector torque_Nm = JointVector::Zero();  ///< of the last cycle
+    std::array<int, kJoints> idle_cycles_ago{};   ///< since the joint's torque was small or changed its sign
+  };
+  /// What a limb that counts says of the motion of the body: the normal equations it adds to.
+  struct Word {
+    bool counts = false;
+    Row off = Row::Zero();
+    Matrix6 normal = Matrix6::Zero();
+    Vector6 gradient = Vector6::Zero();
+    double squares = 0.0;  ///< of `off`, by its deviations
+  };
+  struct Fit {
+    Row left = Row::Zero();  ///< what the limb itself is off the others
+    double rest = 0.0;       ///< what the others are off each other, squared, by their deviations
+    double doubt_m = 0.0;    ///< deviation of where the others have the gripper, along its faces
+  };
+
+  bool lay_body(const PerLimb<FittedLimb>& limbs) noexcept;
+  void look(Standing& limb, const FittedLimb& seen) noexcept;
+  Matrix6 information(const Standing& limb, int cycles) const noexcept;
+  Word word(const Standing& limb, const Row& off, const Matrix6& information) const noexcept;
+  Fit fit_without(int limb, const PerLimb<Word>& words) const noexcept;
+  Misfit in_gripper(const Standing& limb, const Row& off) const noexcept;
+  Misfit beyond_play(const Standing& limb, const Misfit& off, int cycles) const noexcept;
+  void look_back(int window, double dt_s) noexcept;
+
+  StanceParameters parameters_;
+  Pose body_S_;  ///< S: the frame in which the grips stand still
+  PerLimb<Standing> limbs_;
+  PerLimb<Misfit> since_contact_;
+  std::array<Moved, kWindows> moved_;
+  double play_m_ = 0.0;
+  int now_ = 0;  ///< in `past`
+  bool begun_ = false;
+};
+
+}  // namespace crux

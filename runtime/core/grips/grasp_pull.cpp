@@ -1,0 +1,98 @@
+#include "core/grips/grasp_pull.hpp"
+
+#include <algorithm>
+#include <limits>
+
+namespace crux {
+namespace {
+
+constexpr double kLoadFactor = 1.2;
+constexpr double kPress_s = 0.3;    // for the fingers to press as the full load needs
+constexpr double kRate_N_s = 30.0;  // of the pull: slow enough for the other limbs to give way to
+constexpr double kLeastRamp_s = 0.2;
+constexpr double kStand_s = 0.3;
+constexpr double kFailedEasing = 10.0;  // times quicker: a grasp that slides does not bear its load anyway
+
+/// The heaviest load of a grip that lasts on, from `at` on in steps of `step` intervals, and the grasp force it needs.
+struct Heaviest {
+  double need_N = 0.0;
+  Wrench wrench_W;
+};
+
+Heaviest heaviest(const PreparedPlan& plan, const PlanTime& at, int step, int limb, const Vector3& finger_axis_W,
+                  const Contact& contact, const ControlParameters& control) noexcept {
+  Heaviest heaviest{control.grasp_force_reserve_N, {}};
+  for (int k = at.interval + step; k >= 0 && k <= plan.intervals() && !plan.limbs[k][limb].air; k += step) {
+    const Wrench& wrench_W = plan.limbs[k][limb].wrench_W;
+    const double need_N = needed_grasp_force_N(wrench_W, finger_axis_W, contact, control);
+    if (need_N > heaviest.need_N) heaviest = {need_N, wrench_W};
+  }
+  return heaviest;
+}
+
+}  // namespace
+
+Wrench test_load_W(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
+                   const Contact& contact, const ControlParameters& control) noexcept {
+  const double reserve_N = control.grasp_force_reserve_N;
+  const Heaviest load = heaviest(plan, at, at.back ? -1 : 1, limb, finger_axis_W, contact, control);
+  const double room = (contact.max_normal_N - reserve_N) / std::max(load.need_N - reserve_N, 1e-9);
+  return load.wrench_W * std::min(kLoadFactor, room);
+}
+
+double testable_N(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
+                  const Contact& contact, const ControlParameters& control) noexcept {
+  const double before_N = heaviest(plan, at, -1, limb, finger_axis_W, contact, control).need_N;
+  const double after_N = heaviest(plan, at, 1, limb, finger_axis_W, contact, control).need_N;
+  return std::min(kLoadFactor * std::max(before_N, after_N), contact.max_normal_N);
+}
+
+void GraspPull::begin(int limb, const Wrench& load_W, const PerLimb<double>& bearable_N) noexcept {
+  if (limb_ >= 0) return;
+  limb_ = limb;
+  load_W_ = load_W;
+  bearable_N_ = bearable_N;
+  time_s_ = share_ = gave_way_m_ = 0.0;
+  standing_ = easing_ = failed_ = false;
+}
+
+bool GraspPull::all_bear(const PerLimb<double>& needs_N) const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    const double most_N = l == limb_ ? std::numeric_limits<double>::max() : bearable_N_[l];
+    if (needs_N[l] > most_N) return false;
+  }
+  return true;
+}
+
+void GraspPull::load_more(double step, double slid_m, const PerLimb<double>& needs_N) noexcept {
+  const bool all_bear = this->all_bear(needs_N);
+  if (all_bear) share_ = std::min(share_ + step, 1.0);
+  standing_ = !all_bear || share_ == 1.0;
+  loaded_slid_m_ = slid_m;
+  time_s_ = 0.0;
+}
+
+void GraspPull::advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N,
+                        double dt_s) noexcept {
+  if (limb_ < 0) return;
+  const double step = dt_s / std::max(load_W_.force_N.norm() / kRate_N_s, kLeastRamp_s);
+  time_s_ += dt_s;
+  if (easing_) {
+    share_ = std::max(share_ - (failed_ ? kFailedEasing : 1.0) * step, 0.0);
+    if (share_ > 0.0) return;
+    result_[limb_] = failed_ ? Result::kFailed : Result::kPassed;
+    limb_ = -1;
+  } else if (share_ == 0.0 && time_s_ < kPress_s) {
+    unloaded_W_m_ = gripper_W_m;
+  } else {
+    if (!standing_) load_more(step, slid_m, needs_N);
+    const double way_m = (gripper_W_m - unloaded_W_m_).norm();
+    const bool comes_off = way_m > kMaxWay_m;
+    gave_way_m_ = comes_off ? way_m : slid_m - (standing_ ? loaded_slid_m_ : 0.0);
+    limit_m_ = comes_off ? kMaxWay_m : (standing_ ? kMaxCreep_m : kMaxSlide_m);
+    failed_ = gave_way_m_ > limit_m_;
+    easing_ = failed_ || (standing_ && time_s_ >= kStand_s);
+  }
+}
+
+}  // namespace crux

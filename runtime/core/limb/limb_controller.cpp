@@ -1,0 +1,365 @@
+#include "core/limb/limb_controller.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/robot/gravity.hpp"
+
+namespace crux {
+
+namespace {
+
+Wrench turned(const Wrench& wrench, const Matrix3& rotation) {
+  return {rotation * wrench.force_N, rotation * wrench.moment_Nm};
+}
+
+constexpr double kFingersRest_m_s = 0.02;
+constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
+constexpr double kStop_m = 0.001;      // from the fingers' closed stop: they press on each other or on the stop itself
+constexpr double kLeastClosed_m = 0.001;  // fingers that came down about a hold close so far, or are jammed
+// A limb that hung without power is that far from its way; it goes away from the wall first, above the way.
+constexpr double kAstray_m = 0.04, kClear_m = 0.03;
+constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
+
+/// The gripper still grips: it aims from the commanded body pose, and where it grips is remembered. A foot has found
+/// its place when it bears its load: at the planned instant of touch-down a servo's lag still parts it from the ground.
+bool on_hold(const LimbReference& reference) {
+  if (reference.point_foot && reference.phase == LimbPhase::kLoad) return reference.load > kFoundLoad;
+  return reference.gripping() || reference.phase == LimbPhase::kOpen;
+}
+
+/// The gripper is on its way, and not yet down to its hold.
+bool passes_over(const LimbReference& reference) {
+  return !reference.point_foot && (reference.phase == LimbPhase::kLift || reference.phase == LimbPhase::kSwing);
+}
+
+}  // namespace
+
+LimbController::LimbController(const RobotDescription& robot, int limb)
+    : limb_(limb),
+      control_(robot.control),
+      supervisor_(robot.supervisor),
+      gripper_(robot.gripper),
+      servo_(robot.servo),
+      joints_(robot.limbs[limb].joints),
+      kinematics_(robot.limbs[limb]),
+      inverse_(robot.limbs[limb], kinematics_),
+      wrench_(robot.limbs[limb], robot.control.force_filter_s, robot.control.tare_time_constant_s),
+      encoders_(robot, limb),
+      shaking_(robot, limb),
+      admittance_(robot.admittance),
+      grasp_(robot.gripper, robot.control) {
+  kinematics_.evaluate(q_rad_, state_);
+}
+
+void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
+  encoders_.begin_cycle();
+  for (int j = 0; j < kJoints; ++j) {
+    const int i = limb_ * kJoints + j;
+    if (in.joint_fresh[i] == 0 || !std::isfinite(in.joint_position_rad[i]) || !std::isfinite(in.joint_torque_nm[i])) {
+      encoders_.skip(j, in.dt_s);
+      continue;
+    }
+    q_rad_[j] = encoders_.look(j, in.joint_position_rad[i], command_q_rad_[j], in.dt_s);
+    torque_Nm_[j] = in.joint_torque_nm[i];
+    // A node that has restarted has lost its feed-forward.
+    if (in.joint_state[i] == static_cast<int>(NodeState::kBoot)) command_torque_Nm_[j] = 0.0;
+  }
+  if (in.gripper_fresh[limb_] != 0 && std::isfinite(in.finger_opening_m[limb_]) &&
+      std::isfinite(in.finger_speed_m_s[limb_]) && std::isfinite(in.finger_force_n[limb_])) {
+    finger_opening_m_ = in.finger_opening_m[limb_];
+    finger_speed_m_s_ = in.finger_speed_m_s[limb_];
+    finger_force_N_ = in.finger_force_n[limb_];
+  }
+  const Vector3 force_N(in.ft_force_g_n + 3 * limb_);
+  const Vector3 moment_Nm(in.ft_moment_g_nm + 3 * limb_);
+  if (in.ft_fresh[limb_] != 0 && in.ft_status[limb_] == 0 && force_N.allFinite() && moment_Nm.allFinite()) {
+    if (force_N != raw_G_.force_N || moment_Nm != raw_G_.moment_Nm) borne_as_it_moved_Nm_ = borne_Nm_;
+    raw_G_ = {force_N, moment_Nm};
+  }
+  shaking_.look(q_rad_, in.dt_s);
+  kinematics_.evaluate(q_rad_, state_);
+}
+
+void LimbController::sense_wrench(const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2, double dt_s) noexcept {
+  wrench_.update(raw_G_, rotation_WB * state_.gripper_B.rotation, gravity_W_m_s2, dt_s);
+  const Matrix3 rotation_BW = rotation_WB.transpose();
+  const JointVector borne_Nm = torque_Nm_ - gravity_torque(state_, rotation_BW * gravity_W_m_s2);
+  const JointVector unexplained_Nm = borne_Nm - contact_torque(state_, turned(wrench_.wrench_W(), rotation_BW));
+  const double share = dt_s / (control_.force_filter_s + dt_s);
+  borne_Nm_ += share * (borne_Nm - borne_Nm_);
+  residual_Nm_ += share * (unexplained_Nm - residual_Nm_);
+}
+
+double LimbController::ft_limit_Nm(const Wrench& planned_W, const Matrix3& rotation_WB) const noexcept {
+  const auto torque_Nm = [&](const Wrench& wrench_W) {
+    return contact_torque(state_, turned(wrench_W, rotation_WB.transpose())).norm();
+  };
+  return supervisor_.max_ft_residual_Nm +
+         supervisor_.max_ft_residual_share * std::max(torque_Nm(wrench_.wrench_W()), torque_Nm(planned_W));
+}
+
+void LimbController::pose_error(const LimbReference& reference, const Pose& body_W, double& distance_m,
+                                double& angle_rad) const noexcept {
+  const Pose gripper_W = body_W * state_.gripper_B;
+  distance_m = (gripper_W.position_m - reference.gripper_position_W_m).norm();
+  angle_rad = rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()).norm();
+}
+
+void LimbController::engage(const LimbReference& reference, const Pose& body_W) noexcept {
+  const Pose gripper_W = body_W * state_.gripper_B;
+  const Vector3 off_m = gripper_W.position_m - reference.gripper_position_W_m;
+  found_ = in_contact_ = on_hold(reference);
+  beside_W_m_.setZero();
+  back_ = reference.back;
+  known_ = {};
+  contact_offset_W_m_ = in_contact_ ? clamped_norm(off_m, control_.max_contact_offset_m) : Vector3::Zero();
+  admittance_.reset(off_m - contact_offset_W_m_,
+                    rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
+  grasp_.reset(finger_opening_m_, finger_force_N_);
+  gripped_opening_m_ = finger_opening_m_;
+  aim_W_ = body_W;
+  ik_ = {};
+  ik_.q_rad = q_rad_;
+  // A node that holds makes its torque from the feed-forward it had and from the distance of its setpoint.
+  held_torque_Nm_ = command_torque_Nm_;
+  for (int j = 0; j < kJoints; ++j) {
+    held_offset_rad_[j] = (torque_Nm_[j] - held_torque_Nm_[j]) / servo_.position_gain_Nm_rad[j];
+  }
+  gripped_time_s_ = 0.0;
+  encoders_.restart();
+  shaking_.restart();
+}
+
+void LimbController::restore(const LimbReference& reference, bool grips, const Vector3& place_W_m, double opening_m,
+                             const Wrench& tare_G) noexcept {
+  wrench_.take_bias(tare_G);
+  found_ = in_contact_ = grips;
+  contact_offset_W_m_ = grips ? Vector3(place_W_m - reference.gripper_position_W_m) : Vector3::Zero();
+  gripped_opening_m_ = opening_m;
+  opened_m_ = gripper_.opening_m.high;
+}
+
+void LimbController::hand_over(const LimbReference& before, const LimbReference& now, double engagement) noexcept {
+  grip_at(anchor_W_m(before), target_W(before), now);
+  known_ = {};
+  back_ = now.back;
+  held_torque_Nm_ = command_torque_Nm_;
+  held_offset_rad_ *= 1.0 - engagement;
+}
+
+LimbEvents LimbController::events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept {
+  const double distance_m = ((body_W * state_.gripper_B).position_m - anchor_W_m(reference)).norm();
+  if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
+  if (!reference.gripping() && !reference.closing()) opened_m_ = finger_opening_m_;
+  const bool about_nothing = reference.closing() && (closed() || finger_opening_m_ > opened_m_ - kLeastClosed_m);
+  const bool grips = finger_force_N() >= control_.contact_force_N && !about_nothing;
+  gripped_time_s_ = grips ? gripped_time_s_ + dt_s : 0.0;
+  const bool unloaded = trusts_force_torque_ ? wrench_W().force_N.norm() < control_.unload_force_N
+                                             : borne_Nm_.norm() < supervisor_.max_ft_residual_Nm;
+  return {.unloaded = unloaded,
+          .opened = opened(reference),
+          .arrived = opened(reference) && distance_m <= supervisor_.arrive_tolerance_m,
+          .gripped = gripped_time_s_ >= supervisor_.persistence_s};
+}
+
+Pose LimbController::target_W(const LimbReference& reference) const noexcept {
+  return {rotation_exp(admittance_.rotation_rad()) * rotation_z(reference.gripper_yaw_W_rad),
+          anchor_W_m(reference) + admittance_.offset_m()};
+}
+
+void LimbController::aim_at(const Pose& target_W, const LimbReference& reference) noexcept {
+  admittance_.rebase(target_W.position_m - anchor_W_m(reference),
+                     rotation_log(target_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
+}
+
+/// The limb grips at `place_W_m`, and goes on aiming at `target_W`.
+void LimbController::grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept {
+  contact_offset_W_m_ = clamped_norm(place_W_m - reference.gripper_position_W_m, control_.max_contact_offset_m);
+  beside_W_m_.setZero();
+  aim_at(target_W, reference);
+}
+
+bool LimbController::follow_contact(const LimbReference& reference, const Pose& body_estimate_W,
+                                    const Pose& body_command_W, bool pulled) noexcept {
+  const bool contact = on_hold(reference);
+  const Pose aim_W = contact || pulled ? body_command_W : body_estimate_W;
+  Vector3 place_W_m = gripper_W_m(body_estimate_W);
+  if (reference.point_foot) place_W_m.z() = reference.gripper_position_W_m.z();  // the surface is where it is
+  if (contact != in_contact_ || (!contact && reference.back != back_)) {
+    // The same gripper pose seen from the body, expressed from the new aim.
+    const Pose continued_W = aim_W * (aim_W_.inverse() * target_W(reference));
+    const std::size_t begins = reference.back ? 1 : 0, ends = 1 - begins;
+    if (contact) {
+      known_[ends] = {};
+      gripped_opening_m_ = finger_opening_m_;
+    } else {
+      // Fingers that turn back before they have left close where they are.
+      if (in_contact_) {
+        known_[reference.closing() ? ends : begins] = {true, reference.gripper_position_W_m, anchor_W_m(reference)};
+      }
+      place_W_m = reference.gripper_position_W_m + known_[ends].offset_m();
+    }
+    grip_at(place_W_m, continued_W, reference);
+    admittance_.reset(admittance_.offset_m(), admittance_.rotation_rad());
+    in_contact_ = contact;
+    back_ = reference.back;
+    found_ = false;
+  } else if (pulled != pulled_) {
+    aim_at(aim_W * (aim_W_.inverse() * target_W(reference)), reference);
+  }
+  pulled_ = pulled;
+  aim_W_ = aim_W;
+  if (!contact || found_) return false;
+  found_ = reference.point_foot || reference.phase != LimbPhase::kLoad;
+  if (!reference.point_foot) grip_at(place_W_m, target_W(reference), reference);
+  return found_;
+}
+
+void LimbController::aim_beside(const Vector3& beside_W_m, const LimbReference& reference) noexcept {
+  const Pose target_W = this->target_W(reference);
+  beside_W_m_ = beside_W_m;
+  admittance_.rebase(target_W.position_m - anchor_W_m(reference), admittance_.rotation_rad());
+}
+
+void LimbController::relocate(const Pose& motion, const LimbReference& reference) noexcept {
+  for (KnownHold& hold : known_) hold.found_W_m = motion * hold.found_W_m;
+  if (!in_contact_ && !pulled_) {
+    contact_offset_W_m_ = known_[back_ ? 0 : 1].offset_m();
+    return;
+  }
+  const Pose target_W = motion * this->target_W(reference);
+  const Vector3 anchor_W_m = this->anchor_W_m(reference);
+  contact_offset_W_m_ += motion * anchor_W_m - anchor_W_m;
+  aim_at(target_W, reference);
+  aim_W_ = motion * aim_W_;
+}
+
+Capacity LimbController::capacity(const Contact& contact, const Matrix3& rotation_WB,
+                                  const Vector3& gravity_W_m_s2) const noexcept {
+  Capacity capacity{contact, &state_, gravity_torque(state_, rotation_WB.transpose() * gravity_W_m_s2)};
+  for (int j = 0; j < kJoints; ++j) capacity.max_torque_Nm[j] = joints_[j].effort_Nm;
+  return capacity;
+}
+
+void LimbController::comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB,
+                            double dt_s) noexcept {
+  const bool follows = (ik_.limited & kIkNoConvergence) == 0;
+  translation_ = {reference.gripping() && follows, error_W.force_N, admittance_.offset_m(), Vector3::Zero()};
+  rotation_ = {translation_.counts, error_W.moment_Nm, admittance_.rotation_rad(), Vector3::Zero()};
+  if (reference.gripping() || reference.closing()) {
+    admittance_.step(error_W, dt_s, follows);
+    translation_.speed = admittance_.speed_m_s();
+    rotation_.speed = admittance_.rate_rad_s();
+    return;
+  }
+  // A gripper that runs against something bears a force, which is no bias; its joints tell.
+  const bool runs_against = !reference.point_foot && this->runs_against();
+  Vector3 felt_N = runs_against ? wrench_W().force_N : Vector3::Zero();
+  // What it runs against from the side, in passing over, stands out further than planned, or the gripper is lower than
+  // it seems: it goes over it.
+  if (passes_over(reference)) felt_N.z() += felt_N.head<2>().norm();
+  if (reference.phase != LimbPhase::kOpen) {
+    const Vector3 before_m = admittance_.offset_m();
+    const bool too_low = before_m.z() < kClear_m;
+    const bool rises = !reference.point_foot && too_low && before_m.head<2>().norm() > kAstray_m;
+    if (rises) felt_N.z() += admittance_.parameters().damping_Ns_m * admittance_.parameters().max_speed_m_s;
+    admittance_.fade(felt_N, control_.swing_decay_s, dt_s);
+    if (rises) admittance_.rebase({before_m.x(), before_m.y(), admittance_.offset_m().z()}, admittance_.rotation_rad());
+    // A hold that stands out of the wall further than planned is passed at the planned height above where it was
+    // gripped.
+    const Vector3& offset_m = admittance_.offset_m();
+    if (passes_over(reference) && offset_m.z() < before_m.z())
+      admittance_.rebase({offset_m.x(), offset_m.y(), before_m.z()}, admittance_.rotation_rad());
+  }
+  const bool free = reference.phase == LimbPhase::kSwing && !reference.point_foot && !runs_against &&
+                    finger_force_N() < 0.2 * control_.contact_force_N;
+  if (free) wrench_.tare(rotation_WB * state_.gripper_B.rotation, dt_s);
+}
+
+void LimbController::grasp(const LimbReference& reference, double force_N, double dt_s) noexcept {
+  grasp_.see(finger_opening_m_, finger_speed_m_s_, finger_force_N());
+  if (!reference.point_foot && (reference.gripping() || reference.closing())) {
+    grasp_.press(force_N, finger_force_N(), finger_opening_m_, dt_s);
+  } else {
+    grasp_.open_to(reference.finger_opening_m, dt_s);
+  }
+}
+
+void LimbController::drive(const LimbReference& reference, const Wrench& wrench_W, const Vector3& gravity_W_m_s2,
+                           const Pose& body_estimate_W, double engagement, double dt_s) noexcept {
+  // A joint whose encoder has frozen goes further with every command, and nobody sees it.
+  if (blind()) return stay_at(command_q_rad_);
+  const JointVector last_rad = ik_.q_rad;
+  ik_ = inverse_.step(aim_W_.inverse() * target_W(reference), last_rad, dt_s);
+  // The nodes follow x += (1 − exp(−dt/T))·(u − x); to come out at x, u leads by what is left of the last step.
+  const double time_constant_s = servo_.setpoint_time_constant_s;
+  const double left = time_constant_s > 0.0 ? 1.0 / (1.0 - std::exp(-dt_s / time_constant_s)) - 1.0 : 0.0;
+  const JointVector last_dq_rad_s = command_dq_rad_s_;
+  command_dq_rad_s_ = (ik_.q_rad - last_rad) / dt_s;
+  setpoint_lead_rad_ = left * (ik_.q_rad - last_rad);
+  velocity_lead_rad_s_ = left * (command_dq_rad_s_ - last_dq_rad_s);
+  command_q_rad_ = ik_.q_rad + (1.0 - engagement) * held_offset_rad_;
+
+  const Matrix3 rotation_BW = body_estimate_W.rotation.transpose();
+  JointVector model_Nm =
+      gravity_torque(state_, rotation_BW * gravity_W_m_s2) + contact_torque(state_, turned(wrench_W, rotation_BW));
+  for (int j = 0; j < kJoints; ++j) {
+    model_Nm[j] += servo_.damping_Nms_rad[j] * command_dq_rad_s_[j];
+    const double torque_Nm = held_torque_Nm_[j] + engagement * (model_Nm[j] - held_torque_Nm_[j]);
+    command_torque_Nm_[j] = std::clamp(torque_Nm, -joints_[j].effort_Nm, joints_[j].effort_Nm);
+  }
+}
+
+double LimbController::finger_residual_N(const LimbReference& reference, bool begun) const noexcept {
+  const bool rest = std::abs(finger_speed_m_s_) < kFingersRest_m_s;
+  const bool touches = wrench_W().force_N.norm() >= control_.unload_force_N;  // a hold, in passing
+  if (finds_no_hold(reference, begun)) return 0.0;                            // they stand at their own stop
+  if (rest && passes_over(reference) && opened(reference)) return touches ? 0.0 : std::abs(finger_force_N_);
+  return rest ? std::max(expected_finger_force_N() - finger_force_N_, 0.0) : 0.0;
+}
+
+bool LimbController::presses() const noexcept { return !closed() && finger_force_N_ >= control_.contact_force_N; }
+
+double LimbController::torque_share() const noexcept {
+  double share = 0.0;
+  for (int j = 0; j < kJoints; ++j) share = std::max(share, std::abs(torque_Nm_[j]) / joints_[j].effort_Nm);
+  return share;
+}
+
+bool LimbController::finds_no_hold(const LimbReference& reference, bool begun) const noexcept {
+  const bool seeks = begun ? reference.closing() : reference.gripping();
+  return seeks && closed();
+}
+
+bool LimbController::closed() const noexcept { return finger_opening_m_ < gripper_.opening_m.low + kStop_m; }
+
+double LimbController::grip_opening_m(const LimbReference& reference) const noexcept {
+  if (reference.point_foot || !(reference.gripping() || reference.closing())) return reference.finger_opening_m;
+  return std::clamp(in_contact_ ? gripped_opening_m_ : finger_opening_m_, gripper_.opening_m.low,
+                    gripper_.opening_m.high);
+}
+
+bool LimbController::closes_on_nothing() const noexcept {
+  return finger_opening_m_ < gripped_opening_m_ - kPadsGive_m && finger_force_N_ < least_finger_force_N();
+}
+
+void LimbController::stay_at(const JointVector& q_rad) noexcept {
+  command_q_rad_ = q_rad;
+  command_dq_rad_s_.setZero();
+  setpoint_lead_rad_.setZero();
+  velocity_lead_rad_s_.setZero();
+  ik_ = {};
+  ik_.q_rad = q_rad;
+}
+
+Vector3 LimbController::missed_W_m(const LimbReference& reference) const noexcept {
+  const bool kept = reference.gripping() && (ik_.limited & kIkPositionLimit) != 0;
+  return kept ? Vector3(aim_W_.rotation * ik_.missed_B_m) : Vector3::Zero();
+}
+
+double LimbController::tracking_error_rad(int& joint) const noexcept {
+  return (q_rad_ - command_q_rad_).cwiseAbs().maxCoeff(&joint);
+}
+
+}  // namespace crux

@@ -1,0 +1,242 @@
+// One limb of the running robot: its measurements, its admittance and grasp, and the way from a wanted gripper pose to
+// joint commands.
+#pragma once
+
+#include <crux_msgs/control_input_t.hpp>
+#include <crux_msgs/control_output_t.hpp>
+#include <crux_msgs/limb_telemetry_t.hpp>
+
+#include "core/estimate/encoder_watch.hpp"
+#include "core/estimate/oscillation_watch.hpp"
+#include "core/estimate/wrench_estimator.hpp"
+#include "core/limb/admittance.hpp"
+#include "core/limb/calibration.hpp"
+#include "core/loads/grasp_force.hpp"
+#include "core/loads/load_sharing.hpp"
+#include "core/plan/plan_clock.hpp"
+#include "core/plan/reference_player.hpp"
+#include "core/robot/inverse_kinematics.hpp"
+#include "core/robot/limb_kinematics.hpp"
+#include "core/robot/node_protocol.hpp"
+
+namespace crux {
+
+class LimbController {
+ public:
+  LimbController(const RobotDescription& robot, int limb);
+  LimbController(const LimbController&) = delete;
+  LimbController& operator=(const LimbController&) = delete;
+
+  /// Takes over what is fresh in `in`; the rest stays as it was. Forward kinematics.
+  void sense(const crux_msgs::control_input_t& in) noexcept;
+  /// The contact wrench, once the body pose is known.
+  void sense_wrench(const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2, double dt_s) noexcept;
+
+  /// Control begins: whatever the gripper is off its reference becomes offset, so that the first command is the pose
+  /// measured and the first torque the one measured.
+  void engage(const LimbReference& reference, const Pose& body_W) noexcept;
+
+  /// What the run before knew of the limb: the bias of its force/torque sensor and, where it grips, where and how far
+  /// its fingers are open there.
+  void restore(const LimbReference& reference, bool grips, const Vector3& place_W_m, double opening_m,
+               const Wrench& tare_G) noexcept;
+
+  /// Another plan begins where the limb is: its command goes on from where it was for `before`. `engagement`: as at the
+  /// last drive().
+  void hand_over(const LimbReference& before, const LimbReference& now, double engagement) noexcept;
+
+  /// Contact events as the plan's clock wants them.
+  LimbEvents events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept;
+  bool opened(const LimbReference& reference) const noexcept {
+    return finger_opening_m_ >= reference.finger_opening_m - supervisor_.open_tolerance_m;
+  }
+
+  /// Where the limb grips, in W: the planned place and what it was found to be off at contact.
+  Vector3 anchor_W_m(const LimbReference& reference) const {
+    return reference.gripper_position_W_m + contact_offset_W_m_ + beside_W_m_;
+  }
+
+  /// The limb is on a hold or the ground.
+  bool in_contact() const { return in_contact_; }
+  /// It bears its load there, and where it grips is known: load takes up the play of its joints, so that the gripper
+  /// seems to move until then.
+  bool found() const { return found_; }
+
+  /// Takes note of contact made and of the frame the limb aims from: the estimated body pose in the air, the commanded
+  /// one on a hold, and from the beginning of the pull on it, for a limb that bears and aims from an estimate behind
+  /// its own lag drives the body on. Commands are continuous over all. True in the cycle in which the limb's place is
+  /// found.
+  bool follow_contact(const LimbReference& reference, const Pose& body_estimate_W, const Pose& body_command_W,
+                      bool pulled) noexcept;
+
+  /// The limb is to grip `beside_W_m` off where it would otherwise.
+  void aim_beside(const Vector3& beside_W_m, const LimbReference& reference) noexcept;
+
+  /// The world the body's poses are counted in turns out to lie elsewhere by `motion`: where the limb holds moves
+  /// along. With body poses moved likewise its commands stay what they are.
+  void relocate(const Pose& motion, const LimbReference& reference) noexcept;
+
+  /// What the limb can bear where it is, of a grip with `contact`.
+  Capacity capacity(const Contact& contact, const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2) const noexcept;
+
+  /// Yields to the wrench error on a hold, and to what it runs against in the air, where offsets fade; learns the F/T
+  /// bias in free swing.
+  void comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB, double dt_s) noexcept;
+
+  /// What comply() did last: its translation and its rotation.
+  const Yielding& translation() const { return translation_; }
+  const Yielding& rotation() const { return rotation_; }
+
+  /// Gains of comply() from now on.
+  void set_gains(const AdmittanceParameters& gains) noexcept { admittance_.set_parameters(gains); }
+
+  /// Presses with `force_N` on a hold, opens in the air.
+  void grasp(const LimbReference& reference, double force_N, double dt_s) noexcept;
+  /// Enables or disables closing at full speed.
+  void hurry(bool hurries) noexcept { grasp_.hurry(hurries); }
+
+  /// Joint positions by inverse kinematics, and feed-forward torque from gravity and the wrench to bear. `engagement`
+  /// 0..1 blends from what held the joints before control took over.
+  void drive(const LimbReference& reference, const Wrench& wrench_W, const Vector3& gravity_W_m_s2,
+             const Pose& body_estimate_W, double engagement, double dt_s) noexcept;
+
+  /// Nodes hold by themselves: keep the commands at what is measured.
+  void stand_by() noexcept { stay_at(q_rad_); }
+
+  void write(NodeMode joint_mode, NodeMode gripper_mode, crux_msgs::control_output_t& out) const noexcept;
+  void write(const Pose& body_W, const Wrench& wrench_reference_W, crux_msgs::limb_telemetry_t& out) const noexcept;
+
+  /// An encoder that has frozen or jumped in this cycle, or none.
+  const FaultEvent& encoder_fault() const { return encoders_.fault(); }
+  /// A joint that oscillates, or none.
+  const FaultEvent& oscillation() const { return shaking_.fault(); }
+  /// An encoder has frozen since control took over. Its joint follows torques alone, so the limb's commands stand still
+  /// and the others do without its word on where the body is.
+  bool blind() const { return encoders_.frozen(); }
+
+  /// Torque [Nm] of the joints that gravity and the wrench felt do not explain, and the most that it may be where the
+  /// limb is planned to bear `planned_W`.
+  double ft_residual_Nm() const { return residual_Nm_.norm(); }
+  double ft_limit_Nm(const Wrench& planned_W, const Matrix3& rotation_WB) const noexcept;
+  /// Change [Nm] of the joints' torques beyond gravity since the F/T sensor last gave other numbers.
+  double ft_frozen_Nm() const { return (borne_Nm_ - borne_as_it_moved_Nm_).norm(); }
+
+  Vector3 gripper_W_m(const Pose& body_W) const { return body_W * state_.gripper_B.position_m; }
+  const LimbState& state() const { return state_; }
+  const JointVector& torque_Nm() const { return torque_Nm_; }  ///< measured
+  /// The greatest of it as a share of its joint's effort.
+  double torque_share() const noexcept;
+  const Wrench& wrench_W() const { return wrench_.wrench_W(); }
+  /// Its joints bear what gravity does not explain: in the air it runs against something.
+  bool runs_against() const { return borne_Nm_.norm() >= supervisor_.max_ft_residual_Nm; }
+  const Wrench& tare_G() const { return wrench_.bias_G(); }
+  /// In the air, something holds it.
+  bool caught() const { return runs_against() && wrench_W().force_N.norm() >= control_.unload_force_N; }
+  bool force_torque_tared() const { return wrench_.tared(); }
+  /// Squeeze of a finger; what the actuator's command makes of its opening where the sensor is not trusted.
+  double finger_force_N() const { return trusts_finger_force_ ? finger_force_N_ : expected_finger_force_N(); }
+  void trust_finger_force(bool trusts) noexcept { trusts_finger_force_ = trusts; }
+  void trust_force_torque(bool trusts) noexcept { trusts_force_torque_ = trusts; }
+  double expected_finger_force_N() const noexcept {
+    return grasp_.expected_force_N(finger_opening_m_, finger_speed_m_s_);
+  }
+  /// What the finger force measured lacks of that [N], and all of it where the fingers are open in the air and the F/T
+  /// sensor feels nothing. Fingers that move tell nothing, nor does a force that is more: a self-locking screw keeps
+  /// its squeeze when it is told to loosen.
+  double finger_residual_N(const LimbReference& reference, bool begun) const noexcept;
+  /// Half of what the fingers are to press with now [N].
+  double least_finger_force_N() const { return 0.5 * grasp_.force_reference_N(); }
+  /// The fingers, on their way to a hold or, before the plan has begun, on one, have come to their closed stop: nothing
+  /// is between them.
+  bool finds_no_hold(const LimbReference& reference, bool begun) const noexcept;
+  /// By force and opening: there is something between its fingers.
+  bool presses() const noexcept;
+  double gripped_opening_m() const { return gripped_opening_m_; }
+  double finger_opening_m() const { return finger_opening_m_; }
+  /// From a pad's face to the gripper's centre, of a grip: as found, else as planned.
+  double grip_opening_m(const LimbReference& reference) const noexcept;
+  /// The fingers close further than the hold that they had gripped is wide, and press with less than that: opening and
+  /// force are two sensors.
+  bool closes_on_nothing() const noexcept;
+  /// Worst joint's distance from its command [rad] and its index.
+  double tracking_error_rad(int& joint) const noexcept;
+  double ik_error_m() const { return ik_.position_error_m; }
+  /// What its joints' limits keep a gripping limb from: from where the gripper comes to where it should be.
+  Vector3 missed_W_m(const LimbReference& reference) const noexcept;
+  /// Distance [m] and angle [rad] of the gripper from `reference`.
+  void pose_error(const LimbReference& reference, const Pose& body_W, double& distance_m,
+                  double& angle_rad) const noexcept;
+
+ private:
+  /// A hold that was gripped: the plan's place for it, and where it was found.
+  struct KnownHold {
+    bool known = false;
+    Vector3 planned_W_m = Vector3::Zero();
+    Vector3 found_W_m = Vector3::Zero();
+
+    Vector3 offset_m() const { return known ? Vector3(found_W_m - planned_W_m) : Vector3::Zero(); }
+  };
+
+  /// The fingers are at their closed stop.
+  bool closed() const noexcept;
+  /// The commands are these angles, and do not move.
+  void stay_at(const JointVector& q_rad) noexcept;
+  Pose target_W(const LimbReference& reference) const noexcept;
+  void aim_at(const Pose& target_W, const LimbReference& reference) noexcept;
+  void grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept;
+
+  int limb_;
+  ControlParameters control_;
+  SupervisorParameters supervisor_;
+  GripperDescription gripper_;
+  ServoDescription servo_;
+  std::array<JointLimits, kJoints> joints_;
+
+  LimbKinematics kinematics_;
+  InverseKinematics inverse_;
+  WrenchEstimator wrench_;
+  EncoderWatch encoders_;
+  OscillationWatch shaking_;
+  Admittance admittance_;
+  GraspController grasp_;
+  Yielding translation_, rotation_;
+
+  // Measured.
+  JointVector q_rad_ = JointVector::Zero();
+  JointVector torque_Nm_ = JointVector::Zero();
+  double finger_opening_m_ = 0.0;
+  double finger_speed_m_s_ = 0.0;
+  double finger_force_N_ = 0.0;
+  bool trusts_finger_force_ = true;
+  bool trusts_force_torque_ = true;
+  double opened_m_ = 0.0;           ///< before the fingers closed
+  double gripped_opening_m_ = 0.0;  ///< at contact
+  Wrench raw_G_;
+  JointVector residual_Nm_ = JointVector::Zero();           ///< filtered as the wrench is
+  JointVector borne_Nm_ = JointVector::Zero();              ///< torque beyond gravity, filtered likewise
+  JointVector borne_as_it_moved_Nm_ = JointVector::Zero();  ///< that, as the F/T sensor last gave other numbers
+  LimbState state_;
+
+  // Commanded.
+  Vector3 contact_offset_W_m_ = Vector3::Zero();
+  Vector3 beside_W_m_ = Vector3::Zero();  ///< aim_beside(), until contact
+  /// At the beginning and at the end of the last swing; unknown before. So a limb that goes back,
+  /// and forward again, finds its holds where they were.
+  std::array<KnownHold, 2> known_;
+  bool back_ = false;        ///< the swing is played in reverse
+  Pose aim_W_;               ///< body pose the limb aims from
+  bool in_contact_ = false;  ///< aims from the commanded body pose
+  bool pulled_ = false;      ///< does so too, though the plan does not count it as in contact yet
+  bool found_ = false;
+  IkResult ik_;  ///< its q is the command before the engagement blend
+  JointVector command_q_rad_ = JointVector::Zero();
+  JointVector command_dq_rad_s_ = JointVector::Zero();
+  JointVector setpoint_lead_rad_ = JointVector::Zero();  ///< so that the nodes' filter comes out where the command is
+  JointVector velocity_lead_rad_s_ = JointVector::Zero();
+  JointVector command_torque_Nm_ = JointVector::Zero();
+  JointVector held_offset_rad_ = JointVector::Zero();  ///< of the setpoint that held each joint from the joint itself
+  JointVector held_torque_Nm_ = JointVector::Zero();
+  double gripped_time_s_ = 0.0;
+};
+
+}  // namespace crux

@@ -1,0 +1,196 @@
+#include "core/loads/load_sharing.hpp"
+
+#include <Eigen/Geometry>
+
+#include <algorithm>
+#include <limits>
+#include <piqp/piqp.hpp>
+
+#include "core/robot/gravity.hpp"
+
+namespace crux {
+namespace {
+
+constexpr int kPads = 2;
+constexpr int kPlanes = 2;  // tangent planes a pad: at the balanced wrench and at the last answer
+constexpr int kWrench = 6;
+// Variables by which limits are exceeded [N]: one of all pads, one of all joints.
+constexpr int kPadExcess = kLimbs * kWrench, kJointExcess = kPadExcess + 1, kVariables = kJointExcess + 1;
+constexpr int kPadRows = kLimbs * kPads * kPlanes;
+constexpr int kRows = kPadRows + kAllJoints;
+
+constexpr double kLeastLoad = 1e-3;
+// [N] of exceeding a limit by 1 N, far above what moving a force by 1 N costs. A pad beyond its cone slips; a joint at
+// its limit gives way, and the other limbs take over.
+constexpr double kPadPrice = 1e4, kJointPrice = 1e3;
+constexpr double kArm_m = 0.05;  // weighs moments against forces, and how far torques are exceeded
+constexpr double kNoLimit = 1e6;
+constexpr double kTolerance = 1e-4;  // [N]
+constexpr int kMaxIterations = 25;
+constexpr double kStep = 0.05;  // towards what the planes say: they hold near where they touch
+constexpr int kEvery = 2;       // cycles; the answer stands in between
+
+using PadMap = Eigen::Matrix<double, 3, kWrench>;
+
+/// What one pad bears along its face and, as a force, about its normal: z = map·(F, M), |z| ≤ μ·squeeze by (2).
+PadMap pad_map(const Vector3& axis_W, double side, const Contact& contact) {
+  const Vector3 u = axis_W.unitOrthogonal(), v = axis_W.cross(u);
+  const double couple_1_m = side / (2.0 * contact.half_opening_m);
+  PadMap map;
+  // (M × e)·u = M·(e × u)
+  map.row(0) << 0.5 * u.transpose(), couple_1_m * axis_W.cross(u).transpose();
+  map.row(1) << 0.5 * v.transpose(), couple_1_m * axis_W.cross(v).transpose();
+  map.row(2) << Vector3::Zero().transpose(), 0.5 / contact.patch_k_m * axis_W.transpose();
+  return map;
+}
+
+Vector6 stacked(const Wrench& wrench) {
+  Vector6 vector;
+  vector << wrench.force_N, wrench.moment_Nm;
+  return vector;
+}
+
+JointVector joint_torque(const Capacity& capacity, const Wrench& wrench_W, const Matrix3& rotation_WB) {
+  const Wrench wrench_B = {rotation_WB.transpose() * wrench_W.force_N, rotation_WB.transpose() * wrench_W.moment_Nm};
+  return capacity.gravity_Nm + contact_torque(*capacity.limb, wrench_B);
+}
+
+bool exceeds(const Capacity& capacity, const Bearer& bearer, const Wrench& wrench_W, const Matrix3& rotation_WB,
+             const ControlParameters& control) {
+  if (bearer.load <= 0.0) return false;
+  const double squeeze_N = needed_grasp_force_N(wrench_W, bearer.finger_axis_W, capacity.contact, control);
+  const JointVector torque_Nm = joint_torque(capacity, wrench_W, rotation_WB);
+  return squeeze_N > capacity.contact.max_normal_N || (torque_Nm.cwiseAbs() - capacity.max_torque_Nm).maxCoeff() > 0.0;
+}
+
+}  // namespace
+
+/// The solver's own form: least ½xᵀ·price·x + linear_priceᵀ·x under balance·x = 0, limits·x ≤ upper, excess ≥ 0. x: Δ
+/// of each limb, then both excesses.
+struct LoadSharing::Program {
+  using Answer = Eigen::Matrix<double, kVariables, 1>;
+
+  Eigen::Matrix<double, kVariables, kVariables> price = decltype(price)::Identity();
+  Answer linear_price = kPadPrice * Answer::Unit(kPadExcess) + kJointPrice * Answer::Unit(kJointExcess);
+  Eigen::Matrix<double, 6, kVariables> balance = decltype(balance)::Zero();
+  Eigen::Matrix<double, kRows, kVariables> limits = decltype(limits)::Zero();
+  Eigen::Matrix<double, kRows, 1> upper = decltype(upper)::Constant(kNoLimit);
+  piqp::DenseSolver<double, piqp::dense::IdentityPreconditioner<double>> solver;
+
+  Answer answer = Answer::Zero();
+  int cycle = 0;
+
+  Program();
+  Vector6 change(int limb) const { return answer.segment<kWrench>(limb * kWrench); }
+  void weigh(int limb, const Bearer& bearer, const Vector3& com_W_m) noexcept;
+  void limit_pads(int limb, const Bearer& bearer, const Wrench& balanced_W, const Contact& contact,
+                  const ControlParameters& control) noexcept;
+  void limit_joints(int limb, const Bearer& bearer, const Capacity& capacity, const Wrench& balanced_W,
+                    const Matrix3& rotation_WB) noexcept;
+  void solve() noexcept;
+};
+
+LoadSharing::Program::Program() {
+  Answer least = Answer::Constant(-std::numeric_limits<double>::infinity());
+  least[kPadExcess] = least[kJointExcess] = 0.0;
+  auto& settings = solver.settings();
+  settings.max_iter = kMaxIterations;
+  settings.eps_abs = settings.eps_rel = kTolerance;
+  settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = kTolerance;
+  const Vector6 none = Vector6::Zero();
+  solver.setup(price, linear_price, balance, none, limits, piqp::nullopt, upper, least, piqp::nullopt);
+}
+
+void LoadSharing::Program::weigh(int limb, const Bearer& bearer, const Vector3& com_W_m) noexcept {
+  const int at = limb * kWrench;
+  const double weight = 1.0 / std::max(bearer.load, kLeastLoad);
+  price.diagonal().segment<3>(at).setConstant(weight);
+  price.diagonal().segment<3>(at + 3).setConstant(weight / (kArm_m * kArm_m));
+  balance.middleCols<kWrench>(at).setZero();
+  if (bearer.load <= 0.0) return;
+  balance.block<3, 3>(0, at).setIdentity();
+  balance.block<3, 3>(3, at) = skew(bearer.position_W_m - com_W_m);
+  balance.block<3, 3>(3, at + 3).setIdentity();
+}
+
+void LoadSharing::Program::limit_pads(int limb, const Bearer& bearer, const Wrench& balanced_W, const Contact& contact,
+                                      const ControlParameters& control) noexcept {
+  const double slope = control.grasp_force_factor / contact.friction;
+  const double balanced_normal_N = balanced_W.force_N.dot(bearer.finger_axis_W);
+  for (int pad = 0; pad < kPads; ++pad) {
+    const double side = pad == 0 ? 1.0 : -1.0;
+    const PadMap map = pad_map(bearer.finger_axis_W, side, contact);
+    const Vector3 balanced_N = map * stacked(balanced_W);
+    const std::array<Vector3, kPlanes> at_N = {balanced_N, balanced_N + map * change(limb)};
+    for (int plane = 0; plane < kPlanes; ++plane) {
+      const int row = (limb * kPads + pad) * kPlanes + plane;
+      limits.row(row).setZero();
+      upper[row] = kNoLimit;
+      if (bearer.load <= 0.0) continue;
+      const Vector3 normal = at_N[plane].normalized();
+      limits.row(row).segment<kWrench>(limb * kWrench) = slope * normal.transpose() * map;
+      limits.row(row).segment<3>(limb * kWrench) -= 0.5 * side * bearer.finger_axis_W.transpose();
+      limits(row, kPadExcess) = -1.0;
+      upper[row] = contact.max_normal_N - control.grasp_force_reserve_N - slope * normal.dot(balanced_N) +
+                   0.5 * side * balanced_normal_N;
+    }
+  }
+}
+
+void LoadSharing::Program::limit_joints(int limb, const Bearer& bearer, const Capacity& capacity,
+                                        const Wrench& balanced_W, const Matrix3& rotation_WB) noexcept {
+  const int row = kPadRows + limb * kJoints, at = limb * kWrench;
+  limits.middleRows<kJoints>(row).setZero();
+  upper.segment<kJoints>(row).setConstant(kNoLimit);
+  if (bearer.load <= 0.0) return;
+  Eigen::Matrix<double, kJoints, kWrench> torque_of;
+  torque_of << capacity.limb->jacobian_B.topRows<3>().transpose() * -rotation_WB.transpose(),
+      capacity.limb->jacobian_B.bottomRows<3>().transpose() * -rotation_WB.transpose();
+  const JointVector balanced_Nm = joint_torque(capacity, balanced_W, rotation_WB);
+  const JointVector last_Nm = balanced_Nm + torque_of * change(limb);
+  for (int j = 0; j < kJoints; ++j) {
+    const double side = last_Nm[j] < 0.0 ? -1.0 : 1.0;
+    limits.row(row + j).segment<kWrench>(at) = side / kArm_m * torque_of.row(j);
+    limits(row + j, kJointExcess) = -1.0;
+    upper[row + j] = (capacity.max_torque_Nm[j] - side * balanced_Nm[j]) / kArm_m;
+  }
+}
+
+void LoadSharing::Program::solve() noexcept {
+  if (!limits.allFinite() || !upper.allFinite()) return;  // the solver would say so on standard error
+  solver.update(price, piqp::nullopt, balance, piqp::nullopt, limits, piqp::nullopt, upper);
+  if (solver.solve() == piqp::PIQP_SOLVED && solver.result().x.allFinite())
+    answer += kStep * (solver.result().x - answer);
+}
+
+LoadSharing::LoadSharing() : program_(std::make_unique<Program>()) {}
+LoadSharing::~LoadSharing() = default;
+
+PerLimb<Wrench> LoadSharing::within_limits(const PerLimb<Wrench>& balanced, const PerLimb<Bearer>& bearers,
+                                           const PerLimb<Capacity>& capacities, const Vector3& com_W_m,
+                                           const Matrix3& rotation_WB, const ControlParameters& control) noexcept {
+  Program& p = *program_;
+  bool within = true;
+  for (int l = 0; l < kLimbs; ++l)
+    within = within && !exceeds(capacities[l], bearers[l], balanced[l], rotation_WB, control);
+  if (within) {
+    p.answer.setZero();
+    p.cycle = 0;
+    return balanced;
+  }
+  for (int l = 0; l < kLimbs && p.cycle % kEvery == 0; ++l) {
+    p.weigh(l, bearers[l], com_W_m);
+    p.limit_pads(l, bearers[l], balanced[l], capacities[l].contact, control);
+    p.limit_joints(l, bearers[l], capacities[l], balanced[l], rotation_WB);
+  }
+  if (p.cycle++ % kEvery == 0) p.solve();
+  PerLimb<Wrench> shared = balanced;
+  for (int l = 0; l < kLimbs; ++l) {
+    if (bearers[l].load <= 0.0) continue;
+    shared[l].force_N += p.change(l).head<3>();
+    shared[l].moment_Nm += p.change(l).tail<3>();
+  }
+  return shared;
+}
+
+}  // namespace crux

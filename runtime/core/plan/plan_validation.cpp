@@ -1,0 +1,273 @@
+#include "core/plan/plan_validation.hpp"
+
+#include <cmath>
+#include <cstdint>
+#include <sstream>
+#include <vector>
+
+#include "core/plan/reference_player.hpp"
+#include "core/robot/hash.hpp"
+#include "core/robot/inverse_kinematics.hpp"
+
+namespace crux {
+namespace {
+
+using crux_msgs::limb_knot_t;
+using crux_msgs::plan_knot_t;
+using crux_msgs::plan_t;
+
+constexpr double kTimeTolerance_s = 1e-6;
+constexpr double kPoseTolerance = 1e-6;  // of a gripper that must not have moved [m, rad]
+constexpr double kForceTolerance_N = 1e-3;
+// What the runtime's own loop could follow without anyone noticing.
+constexpr double kReachTolerance_m = 1e-3;
+constexpr double kReachTolerance_rad = 1e-2;
+constexpr int kSamplesPerInterval = 20;
+constexpr int kStartSeeds = 64;
+constexpr int kStartIterations = 100;
+constexpr int kFollowIterations = 20;
+
+/// Sentences such as "knot 3, limb RF: finger_separation_m is 0.2; …".
+class Sentence {
+ public:
+  template <class T>
+  Sentence& operator<<(const T& part) {
+    text_ << part;
+    return *this;
+  }
+  operator std::string() const { return text_.str(); }  // NOLINT: converting on purpose
+
+ private:
+  std::ostringstream text_;
+};
+
+std::string place(const RobotDescription& robot, std::size_t knot, int limb) {
+  return Sentence() << "knot " << knot << ", limb " << robot.limbs[limb].name << ": ";
+}
+
+bool all_finite(const double* values, int n) {
+  for (int i = 0; i < n; ++i) {
+    if (!std::isfinite(values[i])) return false;
+  }
+  return true;
+}
+
+std::string identity_defect(const RobotDescription& robot, const plan_t& plan) {
+  if (plan.format != plan_t::FORMAT && plan.format != plan_t::FORMAT_FROM_AIR) {
+    return Sentence() << "plan format is " << plan.format << "; this runtime reads format " << plan_t::FORMAT << " and "
+                      << plan_t::FORMAT_FROM_AIR;
+  }
+  if (plan.robot_name != robot.name) {
+    return Sentence() << "the plan is for robot '" << plan.robot_name << "', this is '" << robot.name << "'";
+  }
+  if (plan.robot_sha256 != robot.sha256) {
+    return Sentence() << "the plan was made for another description of robot '" << robot.name
+                      << "' or by an older crux (robot_sha256 " << plan.robot_sha256.substr(0, 12) << "..., here "
+                      << robot.sha256.substr(0, 12) << "...): plan again";
+  }
+  plan_t unnamed = plan;
+  unnamed.plan_id.clear();
+  std::string bytes(static_cast<std::size_t>(unnamed.getEncodedSize()), '\0');
+  unnamed.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+  if (sha256_hex(bytes) != plan.plan_id) return "plan_id is not the hash of the plan: it was changed or damaged";
+  return {};
+}
+
+std::string size_defect(const plan_t& plan) {
+  if (plan.n_knots < 2 || plan.knots.size() != static_cast<std::size_t>(plan.n_knots)) {
+    return Sentence() << "the plan has " << plan.n_knots << " knots; it needs 2 at least";
+  }
+  if (plan.n_holds < 0 || plan.holds.size() != static_cast<std::size_t>(plan.n_holds)) {
+    return Sentence() << "n_holds is " << plan.n_holds << " and there are " << plan.holds.size() << " holds";
+  }
+  if (!std::isfinite(plan.dt_s) || plan.dt_s <= 0.0)
+    return Sentence() << "dt_s is " << plan.dt_s << "; it must be above 0";
+  if (!all_finite(plan.gravity_w_m_s2, 3)) return "gravity_w_m_s2 is not finite";
+  if (is_walk(plan) ? plan.patch_k_m != 0.0 : !std::isfinite(plan.patch_k_m) || plan.patch_k_m <= 0.0) {
+    return Sentence() << "patch_k_m is " << plan.patch_k_m
+                      << "; it must be above 0 for grippers on holds, 0 for feet on the wall itself";
+  }
+  if (!std::isfinite(plan.max_normal_n) || plan.max_normal_n <= 0.0) {
+    return Sentence() << "max_normal_n is " << plan.max_normal_n << "; it must be above 0";
+  }
+  return {};
+}
+
+std::string knot_defect(const plan_t& plan, std::size_t k) {
+  const plan_knot_t& knot = plan.knots[k];
+  if (!(std::abs(knot.time_s - static_cast<double>(k) * plan.dt_s) <= kTimeTolerance_s)) {
+    return Sentence() << "knot " << k << ": time_s is " << knot.time_s << "; knots stand every dt_s = " << plan.dt_s
+                      << " s";
+  }
+  if (!all_finite(knot.body_position_w_m, 3) || !all_finite(knot.body_rpy_rad, 3)) {
+    return Sentence() << "knot " << k << ": the body pose is not finite";
+  }
+  return {};
+}
+
+/// Normal force [N] with which a finger presses on its face: finger 1 sits at +e and is pushed back along +e.
+double finger_normal_N(const limb_knot_t& limb, int finger) {
+  const double sign = finger == 0 ? 1.0 : -1.0;
+  const double* f = limb.finger_force_w_n + 3 * finger;
+  return sign * (f[0] * std::cos(limb.gripper_yaw_w_rad) + f[1] * std::sin(limb.gripper_yaw_w_rad));
+}
+
+/// A foot stands on the wall and presses on it.
+std::string foot_defect(const RobotDescription& robot, const plan_t& plan, std::size_t k, int l) {
+  const limb_knot_t& limb = plan.knots[k].limbs[l];
+  const std::string where = place(robot, k, l);
+  if (limb.hold != -1) return Sentence() << where << "hold is " << limb.hold << "; a foot on the wall has -1";
+  if (!(std::abs(limb.gripper_position_w_m[2]) <= kPoseTolerance)) {
+    return Sentence() << where << "the foot stands " << limb.gripper_position_w_m[2] << " m off the wall";
+  }
+  const double normal_N = limb.finger_force_w_n[2] + limb.finger_force_w_n[5];
+  if (normal_N < -kForceTolerance_N || normal_N > plan.max_normal_n + kForceTolerance_N) {
+    return Sentence() << where << "the foot presses with " << normal_N << " N; possible is 0.." << plan.max_normal_n
+                      << " N";
+  }
+  return {};
+}
+
+std::string grasp_defect(const RobotDescription& robot, const plan_t& plan, std::size_t k, int l) {
+  const limb_knot_t& limb = plan.knots[k].limbs[l];
+  const std::string where = place(robot, k, l);
+  if (limb.hold < 0 || limb.hold >= plan.n_holds) {
+    return Sentence() << where << "hold is " << limb.hold << "; the plan has holds 0.." << plan.n_holds - 1;
+  }
+  const double max_normal_N = std::min(plan.max_normal_n, robot.gripper.max_finger_force_N);
+  for (int finger = 0; finger < 2; ++finger) {
+    const double normal_N = finger_normal_N(limb, finger);
+    if (normal_N < -kForceTolerance_N || normal_N > max_normal_N + kForceTolerance_N) {
+      return Sentence() << where << "finger " << finger + 1 << " presses with " << normal_N << " N; possible is 0.."
+                        << max_normal_N << " N";
+    }
+  }
+  return {};
+}
+
+std::string stance_defect(const RobotDescription& robot, const plan_t& plan, bool walk, std::size_t k, int l) {
+  const limb_knot_t& limb = plan.knots[k].limbs[l];
+  const std::string where = place(robot, k, l);
+  std::string defect = walk ? foot_defect(robot, plan, k, l) : grasp_defect(robot, plan, k, l);
+  if (!defect.empty()) return defect;
+  if (!(limb.friction > 0.0))
+    return Sentence() << where << "friction is " << limb.friction << "; a limb in stance needs more than 0";
+  const limb_knot_t& before = plan.knots[k == 0 ? 0 : k - 1].limbs[l];
+  if (before.phase == limb_knot_t::STANCE) {
+    double moved = std::abs(limb.gripper_yaw_w_rad - before.gripper_yaw_w_rad);
+    for (int i = 0; i < 3; ++i) {
+      moved = std::max(moved, std::abs(limb.gripper_position_w_m[i] - before.gripper_position_w_m[i]));
+    }
+    if (moved > kPoseTolerance || limb.hold != before.hold) {
+      return Sentence() << where << "the gripper moves in stance; it must release its hold first";
+    }
+  }
+  return {};
+}
+
+std::string limb_defect(const RobotDescription& robot, const plan_t& plan, bool walk, std::size_t k, int l) {
+  const limb_knot_t& limb = plan.knots[k].limbs[l];
+  const std::string where = place(robot, k, l);
+  if (limb.phase != limb_knot_t::STANCE && limb.phase != limb_knot_t::AIR) {
+    return Sentence() << where << "phase is " << static_cast<int>(limb.phase) << "; it is 0 (stance) or 1 (air)";
+  }
+  if (!all_finite(limb.gripper_position_w_m, 3) || !all_finite(&limb.gripper_yaw_w_rad, 1) ||
+      !all_finite(&limb.finger_separation_m, 1) || !all_finite(limb.finger_force_w_n, 6) ||
+      !all_finite(limb.finger_moment_w_nm, 6) || !all_finite(&limb.friction, 1)) {
+    return Sentence() << where << "a number is not finite";
+  }
+  const double opening_m = 0.5 * limb.finger_separation_m;
+  if (opening_m < robot.gripper.opening_m.low || opening_m > robot.gripper.opening_m.high) {
+    return Sentence() << where << "finger_separation_m is " << limb.finger_separation_m << "; the gripper has "
+                      << 2.0 * robot.gripper.opening_m.low << ".." << 2.0 * robot.gripper.opening_m.high << " m";
+  }
+  for (int i = 0; i < 3; ++i) {
+    const double force_N = limb.finger_force_w_n[i] + limb.finger_force_w_n[3 + i];
+    if (std::abs(force_N) > robot.force_torque.range_N) {
+      return Sentence() << where << "the gripper bears " << force_N << " N; the sensor reads "
+                        << robot.force_torque.range_N << " N";
+    }
+  }
+  if (limb.phase == limb_knot_t::STANCE) return stance_defect(robot, plan, walk, k, l);
+  if (k == 0 && (plan.format == plan_t::FORMAT || walk))
+    return Sentence() << where << "a walk and a plan of format " << plan_t::FORMAT << " begin with all limbs in stance";
+  if (k + 1 == plan.knots.size()) return Sentence() << where << "all limbs must grip at the end of a plan";
+  const bool alone = (k == 0 || plan.knots[k - 1].limbs[l].phase == limb_knot_t::STANCE) &&
+                     plan.knots[k + 1].limbs[l].phase == limb_knot_t::STANCE;
+  if (alone) return Sentence() << where << "a swing needs two knots in the air at least";
+  for (int i = 0; i < 6; ++i) {
+    if (std::abs(limb.finger_force_w_n[i]) > kForceTolerance_N)
+      return Sentence() << where << "bears a force in the air";
+  }
+  return {};
+}
+
+/// Quasi-random joint angles inside the limits (additive recurrence with the generalised golden ratio in 6 dimensions).
+JointVector seed_angles(const LimbDescription& limb, int index) {
+  constexpr double kGolden6 = 1.1127756842787055;  // root of x^7 = x + 1
+  JointVector q;
+  double step = 1.0;
+  for (int j = 0; j < kJoints; ++j) {
+    step /= kGolden6;
+    const double share = std::fmod(0.5 + step * index, 1.0);
+    q[j] = limb.joints[j].lower_rad + share * (limb.joints[j].upper_rad - limb.joints[j].lower_rad);
+  }
+  return q;
+}
+
+bool reached(const IkResult& result) {
+  return result.position_error_m <= kReachTolerance_m && result.rotation_error_rad <= kReachTolerance_rad;
+}
+
+Pose gripper_target_B(const PlanReference& reference, int l) {
+  const LimbReference& limb = reference.limbs[l];
+  const Pose gripper_W = {rotation_z(limb.gripper_yaw_W_rad), limb.gripper_position_W_m};
+  return reference.body_W.inverse() * gripper_W;
+}
+
+std::string limb_reach_defect(const RobotDescription& robot, const PreparedPlan& plan, int l) {
+  LimbKinematics kinematics(robot.limbs[l]);
+  InverseKinematics inverse(robot.limbs[l], kinematics);
+  const Pose start = gripper_target_B(play(plan, {0, 0.0}), l);
+  IkResult result;
+  for (int seed = 0; seed < kStartSeeds; ++seed) {
+    result = inverse.solve(start, seed_angles(robot.limbs[l], seed), kStartIterations);
+    if (reached(result)) break;
+  }
+  for (int k = 0; k < plan.intervals(); ++k) {
+    for (int sample = 0; sample <= kSamplesPerInterval; ++sample) {
+      const PlanTime at{k, plan.dt_s * sample / kSamplesPerInterval};
+      result = inverse.solve(gripper_target_B(play(plan, at), l), result.q_rad, kFollowIterations);
+      if (!reached(result)) {
+        return Sentence() << place(robot, static_cast<std::size_t>(k), l) << "the gripper is out of reach at "
+                          << at.seconds(plan) << " s: it comes within " << 1e3 * result.position_error_m << " mm and "
+                          << result.rotation_error_rad << " rad";
+      }
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+std::string plan_message_defect(const RobotDescription& robot, const plan_t& plan) {
+  if (std::string defect = identity_defect(robot, plan); !defect.empty()) return defect;
+  if (std::string defect = size_defect(plan); !defect.empty()) return defect;
+  const bool walk = is_walk(plan);
+  for (std::size_t k = 0; k < plan.knots.size(); ++k) {
+    if (std::string defect = knot_defect(plan, k); !defect.empty()) return defect;
+    for (int l = 0; l < kLimbs; ++l) {
+      if (std::string defect = limb_defect(robot, plan, walk, k, l); !defect.empty()) return defect;
+    }
+  }
+  return {};
+}
+
+std::string plan_reach_defect(const RobotDescription& robot, const PreparedPlan& plan) {
+  for (int l = 0; l < kLimbs; ++l) {
+    if (std::string defect = limb_reach_defect(robot, plan, l); !defect.empty()) return defect;
+  }
+  return {};
+}
+
+}  // namespace crux

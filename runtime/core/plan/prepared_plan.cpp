@@ -1,0 +1,155 @@
+#include "core/plan/prepared_plan.hpp"
+
+#include <Eigen/Geometry>
+
+#include <cmath>
+#include <utility>
+
+#include "core/plan/plan_validation.hpp"
+
+namespace crux {
+namespace {
+
+/// F = f₁ + f₂, M = Σ (pᵢ − c) × fᵢ + mᵢ with the fingers at ± half the separation along the opening axis.
+Wrench gripper_wrench(const crux_msgs::limb_knot_t& knot) {
+  const Vector3 axis(std::cos(knot.gripper_yaw_w_rad), std::sin(knot.gripper_yaw_w_rad), 0.0);
+  Wrench sum;
+  for (int finger = 0; finger < 2; ++finger) {
+    const Vector3 arm = (finger == 0 ? 0.5 : -0.5) * knot.finger_separation_m * axis;
+    const Vector3 force(Eigen::Map<const Vector3>(knot.finger_force_w_n + 3 * finger));
+    const Vector3 moment(Eigen::Map<const Vector3>(knot.finger_moment_w_nm + 3 * finger));
+    sum = sum + Wrench{force, arm.cross(force) + moment};
+  }
+  return sum;
+}
+
+/// The finger at the positive end of the axis is pressed towards it, the other one away.
+double squeeze_N(const crux_msgs::limb_knot_t& knot) {
+  const Vector3 axis(std::cos(knot.gripper_yaw_w_rad), std::sin(knot.gripper_yaw_w_rad), 0.0);
+  return 0.5 * axis.dot(Vector3(knot.finger_force_w_n) - Vector3(knot.finger_force_w_n + 3));
+}
+
+/// Slopes of `dimensions` coordinates over all knots: `value(k, i)` in, `slope(k, i)` out.
+template <class Value, class Slope>
+void fill_slopes(std::size_t knots, int dimensions, double dt_s, Value value, Slope slope) {
+  std::vector<double> values(knots);
+  for (int i = 0; i < dimensions; ++i) {
+    for (std::size_t k = 0; k < knots; ++k) values[k] = value(k, i);
+    const std::vector<double> slopes = pchip_slopes(values, dt_s);
+    for (std::size_t k = 0; k < knots; ++k) slope(k, i) = slopes[k];
+  }
+}
+
+void tabulate_feet(PreparedPlan& plan) {
+  const std::size_t n = plan.limbs.size();
+  plan.foot_slope.resize(n);
+  for (int l = 0; l < kLimbs; ++l) {
+    const auto pose = [&](std::size_t k, int i) {
+      const LimbKnot& knot = plan.limbs[k][l];
+      return i < 3 ? knot.gripper_position_W_m[i] : knot.gripper_yaw_W_rad;
+    };
+    fill_slopes(n, 4, plan.dt_s, pose, [&](std::size_t k, int i) -> double& { return plan.foot_slope[k][l][i]; });
+  }
+}
+
+/// From foot points to grippers on their pads: `radius_m` above, moments about the gripper centre.
+void stand_on_pads(PreparedPlan& plan, double radius_m) {
+  const Vector3 above(0.0, 0.0, radius_m);
+  for (PerLimb<LimbKnot>& knot : plan.limbs) {
+    for (LimbKnot& limb : knot) {
+      limb.gripper_position_W_m += above;
+      limb.wrench_W.moment_Nm -= above.cross(limb.wrench_W.force_N);
+    }
+  }
+}
+
+/// Three-point derivative at an end, kept from overshooting.
+double end_slope(double first, double second) {
+  const double slope = 0.5 * (3.0 * first - second);
+  if (slope * first <= 0.0) return 0.0;
+  if (first * second <= 0.0 && std::abs(slope) > 3.0 * std::abs(first)) return 3.0 * first;
+  return slope;
+}
+
+}  // namespace
+
+std::vector<double> pchip_slopes(const std::vector<double>& values, double dt_s) {
+  const std::size_t n = values.size();
+  std::vector<double> secant(n - 1);
+  for (std::size_t i = 0; i + 1 < n; ++i) secant[i] = (values[i + 1] - values[i]) / dt_s;
+  if (n == 2) return {secant[0], secant[0]};
+  std::vector<double> slopes(n, 0.0);
+  for (std::size_t i = 1; i + 1 < n; ++i) {
+    const double a = secant[i - 1], b = secant[i];
+    // Harmonic mean on an even grid; flat where the data turns.
+    if (a * b > 0.0) slopes[i] = 2.0 / (1.0 / a + 1.0 / b);
+  }
+  slopes.front() = end_slope(secant[0], secant[1]);
+  slopes.back() = end_slope(secant[n - 2], secant[n - 3]);
+  return slopes;
+}
+
+bool is_walk(const crux_msgs::plan_t& plan) {
+  using crux_msgs::limb_knot_t;
+  for (const crux_msgs::plan_knot_t& knot : plan.knots) {
+    for (const limb_knot_t& limb : knot.limbs) {
+      if (limb.phase == limb_knot_t::STANCE && limb.finger1_face != limb_knot_t::FACE_WALL) return false;
+    }
+  }
+  return true;
+}
+
+std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
+  auto prepared = std::make_unique<PreparedPlan>();
+  prepared->plan_id = plan.plan_id;
+  prepared->point_feet = is_walk(plan);
+  prepared->dt_s = plan.dt_s;
+  prepared->gravity_W_m_s2 = Vector3(plan.gravity_w_m_s2);
+  prepared->patch_k_m = plan.patch_k_m;
+  prepared->max_normal_N = plan.max_normal_n;
+  const std::size_t n = plan.knots.size();
+  prepared->body.resize(n);
+  prepared->body_slope.resize(n);
+  prepared->limbs.resize(n);
+  prepared->release.assign(n, 0);
+  for (std::size_t k = 0; k < n; ++k) {
+    const crux_msgs::plan_knot_t& knot = plan.knots[k];
+    prepared->body[k] << Vector3(knot.body_position_w_m), Vector3(knot.body_rpy_rad);
+    for (int l = 0; l < kLimbs; ++l) {
+      const crux_msgs::limb_knot_t& from = knot.limbs[l];
+      prepared->limbs[k][l] = {.air = from.phase == crux_msgs::limb_knot_t::AIR,
+                               .gripper_position_W_m = Vector3(from.gripper_position_w_m),
+                               .gripper_yaw_W_rad = from.gripper_yaw_w_rad,
+                               .finger_opening_m = 0.5 * from.finger_separation_m,
+                               .friction = from.friction,
+                               .wrench_W = gripper_wrench(from),
+                               .squeeze_N = squeeze_N(from)};
+    }
+  }
+  // Forces act over the interval that begins at a knot: the last knot has none of its own.
+  for (int l = 0; l < kLimbs; ++l) {
+    prepared->limbs[n - 1][l].wrench_W = prepared->limbs[n - 2][l].wrench_W;
+    prepared->limbs[n - 1][l].squeeze_N = prepared->limbs[n - 2][l].squeeze_N;
+  }
+  for (int k = 0; k < static_cast<int>(n); ++k) {
+    for (int l = 0; l < kLimbs; ++l) {
+      if (prepared->lets_go(k, l)) prepared->release[k] = 1;
+    }
+  }
+  fill_slopes(
+      n, 6, plan.dt_s, [&](std::size_t k, int i) { return prepared->body[k][i]; },
+      [&](std::size_t k, int i) -> double& { return prepared->body_slope[k][i]; });
+  if (prepared->point_feet) tabulate_feet(*prepared);
+  return prepared;
+}
+
+Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan) {
+  if (std::string defect = plan_message_defect(robot, plan); !defect.empty()) return Refusal{defect};
+  std::unique_ptr<PreparedPlan> tables = tabulate(plan);
+  if (tables->point_feet) stand_on_pads(*tables, robot.gripper.pad_radius_m);
+  std::unique_ptr<const PreparedPlan> prepared = std::move(tables);
+  if (std::string defect = plan_reach_defect(robot, *prepared); !defect.empty()) return Refusal{defect};
+  return prepared;
+}
+
+}  // namespace crux

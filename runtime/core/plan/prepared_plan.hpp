@@ -1,0 +1,64 @@
+// A plan made ready for the real-time thread: validated, with slopes and gripper wrenches worked out. Immutable.
+#pragma once
+
+#include <crux_msgs/plan_t.hpp>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/robot/geometry.hpp"
+#include "core/robot/result.hpp"
+#include "core/robot/robot_description.hpp"
+
+namespace crux {
+
+/// One limb at one knot.
+struct LimbKnot {
+  bool air = false;
+  Vector3 gripper_position_W_m = Vector3::Zero();
+  double gripper_yaw_W_rad = 0.0;
+  double finger_opening_m = 0.0;  ///< pad face to gripper centre
+  double friction = 0.0;
+  // On the robot about the gripper centre, piecewise constant over the interval that begins here.
+  Wrench wrench_W;
+  double squeeze_N = 0.0;  ///< mean of what both fingers press along the axis through them
+};
+
+using FootPose = Eigen::Vector4d;  ///< x, y, z, yaw
+
+struct PreparedPlan {
+  std::string plan_id;
+  bool point_feet = false;  ///< a walk: limbs in stance stand on the wall itself
+  double dt_s = 0.0;
+  Vector3 gravity_W_m_s2 = Vector3::Zero();
+  double patch_k_m = 0.0;
+  double max_normal_N = 0.0;
+  std::vector<Vector6> body;        ///< position, roll-pitch-yaw at the knots
+  std::vector<Vector6> body_slope;  ///< their PCHIP derivatives [1/s]
+  std::vector<PerLimb<LimbKnot>> limbs;
+  std::vector<PerLimb<FootPose>> foot_slope;  ///< PCHIP derivatives of the gripper poses [1/s]; point feet only
+  std::vector<char> release;                  ///< 1: a limb releases its hold at this knot (k0 of PLAN.md)
+
+  int intervals() const { return static_cast<int>(limbs.size()) - 1; }
+  double end_s() const { return intervals() * dt_s; }
+  /// Limb l releases at knot k, or is in the air where the plan begins: the first knot of a swing.
+  bool lets_go(int k, int l) const { return k <= intervals() && limbs[k][l].air && (k == 0 || !limbs[k - 1][l].air); }
+  /// Limb l takes hold at knot k: the first knot after a swing.
+  bool takes_hold(int k, int l) const { return k > 0 && k <= intervals() && !limbs[k][l].air && limbs[k - 1][l].air; }
+};
+
+/// Validates `plan` against `robot` and prepares it. Not for the real-time thread. A refusal says which knot, limb and
+/// value do not fit, and what would.
+Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan);
+
+/// Every limb in stance stands on the wall itself.
+bool is_walk(const crux_msgs::plan_t& plan);
+
+/// The tables of a plan, without asking whether it makes sense. Point feet are at their foot points.
+std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan);
+
+/// Slopes of the monotone piecewise cubic through values[i] at i·dt (Fritsch & Carlson 1980; one-sided three-point
+/// ends).
+std::vector<double> pchip_slopes(const std::vector<double>& values, double dt_s);
+
+}  // namespace crux

@@ -1,0 +1,75 @@
+// How a plan is read between its knots: msgs/PLAN.md, pure.
+#pragma once
+
+#include <cmath>
+
+#include "core/plan/prepared_plan.hpp"
+
+namespace crux {
+
+/// limb_reference_t.phase
+enum class LimbPhase : int {
+  kStance = 0,
+  kUnload = 1,
+  kOpen = 2,
+  kLift = 3,
+  kSwing = 4,
+  kDescend = 5,
+  kClose = 6,
+  kLoad = 7
+};
+
+// Instants of PLAN.md as shares of an interval.
+inline constexpr double kLiftShare = 0.5;                        ///< fingers have opened, the gripper lifts
+inline constexpr double kArriveShare = 0.55;                     ///< the gripper stands at the hold
+inline constexpr double kCloseShare = 0.6;                       ///< fingers close
+inline constexpr double kLoadBegin = 0.02, kLoadSpan = 0.4;      ///< blend from the last interval's wrench
+inline constexpr double kUnloadBegin = 0.5, kUnloadSpan = 0.45;  ///< blend towards the next one's
+
+/// A point of plan time: the interval [k, k + 1) and the time in it. An interval's end and the next one's beginning are
+/// two different points: at the end a limb about to release is unloaded but still gripped. `back`: the plan is played
+/// in reverse, so fingers close where a swing begins and open where it ends.
+struct PlanTime {
+  int interval = 0;
+  double elapsed_s = 0.0;
+  bool back = false;
+
+  double seconds(const PreparedPlan& plan) const { return interval * plan.dt_s + elapsed_s; }
+};
+
+struct LimbReference {
+  LimbPhase phase = LimbPhase::kStance;
+  double load = 1.0;  ///< share of the planned wrench this limb bears
+  Vector3 gripper_position_W_m = Vector3::Zero();
+  double gripper_yaw_W_rad = 0.0;
+  double finger_opening_m = 0.0;
+  Wrench wrench_W;          ///< on the robot about the gripper centre
+  double squeeze_N = 0.0;   ///< of each finger, as planned
+  double friction = 0.0;    ///< of the hold gripped or about to be gripped
+  bool back = false;        ///< in reverse: a swing leads to the hold that it began at
+  bool point_foot = false;  ///< stands or steps on the wall itself: no fingers to open or close, nothing to wait for
+
+  bool gripping() const {
+    return phase == LimbPhase::kStance || phase == LimbPhase::kUnload || phase == LimbPhase::kLoad;
+  }
+  bool closing() const { return phase == LimbPhase::kClose; }
+  /// Unit vector through both pads, towards finger 1.
+  Vector3 finger_axis_W() const { return {std::cos(gripper_yaw_W_rad), std::sin(gripper_yaw_W_rad), 0.0}; }
+};
+
+struct PlanReference {
+  Pose body_W;
+  PerLimb<LimbReference> limbs;
+};
+
+/// The reference at `at`. Allocates nothing.
+PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept;
+
+/// Where in the interval that begins at knot k all limbs bear their loads [s]: at the knot, or, where one takes hold
+/// there, when it bears its whole load. Negative where a limb is in the air at the knot: no stance of the plan.
+double stance_s(const PreparedPlan& plan, int k) noexcept;
+
+/// `at` moved on its way by `ahead_s` without waiting for events, at most to the plan's end or, in reverse, beginning.
+PlanTime later(const PreparedPlan& plan, const PlanTime& at, double ahead_s) noexcept;
+
+}  // namespace crux

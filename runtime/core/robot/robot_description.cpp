@@ -1,0 +1,177 @@
+#include "core/robot/robot_description.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <sstream>
+#include <stdexcept>
+#include <vector>
+
+#include "core/robot/description_problem.hpp"
+#include "core/robot/hash.hpp"
+#include "core/robot/joint_loops.hpp"
+#include "core/robot/motor_checks.hpp"
+#include "core/robot/reason.hpp"
+#include "core/robot/robot_meaning.hpp"
+#include "core/robot/robot_rules.hpp"
+#include "core/robot/robot_urdf.hpp"
+#include "core/robot/robot_yaml.hpp"
+#include "crux_msgs/robot.hpp"
+
+namespace crux {
+namespace {
+
+std::string read_file(const std::string& path) {
+  std::error_code unknown;
+  if (!std::filesystem::is_regular_file(path, unknown))
+    refuse(path, "", "",
+           std::filesystem::is_directory(path, unknown) ? "is a folder, not a file"
+           : std::filesystem::exists(path, unknown)     ? "is not a file"
+                                                        : "no such file");
+  if (const auto size = std::filesystem::file_size(path, unknown); size > crux_msgs::robot::kMaxBytes)
+    refuse(path, "", std::to_string(size) + " bytes",
+           "expected at most " + std::to_string(crux_msgs::robot::kMaxBytes) + " bytes");
+  std::ifstream stream(path, std::ios::binary);
+  if (!stream) refuse(path, "", "", "cannot be read");
+  std::ostringstream bytes;
+  bytes << stream.rdbuf();
+  return bytes.str();
+}
+
+KDL::Vector kdl(const Vector3& v) { return {v.x(), v.y(), v.z()}; }
+
+Vector3 vector(const KDL::Vector& v) { return {v.x(), v.y(), v.z()}; }
+
+/// By way of a quaternion, as urdfdom has it: the same bits as in logs made with it.
+KDL::Frame frame(const Vector3& xyz_m, const Vector3& rpy_rad) {
+  const Vector3 c = (rpy_rad / 2.0).array().cos(), s = (rpy_rad / 2.0).array().sin();
+  Eigen::Vector4d q(s.x() * c.y() * c.z() - c.x() * s.y() * s.z(), c.x() * s.y() * c.z() + s.x() * c.y() * s.z(),
+                    c.x() * c.y() * s.z() - s.x() * s.y() * c.z(), c.x() * c.y() * c.z() + s.x() * s.y() * s.z());
+  q /= std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+  return {KDL::Rotation::Quaternion(q[0], q[1], q[2], q[3]), kdl(xyz_m)};
+}
+
+KDL::Frame frame(const UrdfJoint& joint) { return frame(joint.xyz_m, joint.rpy_rad); }
+
+/// In the link's own frame.
+KDL::RigidBodyInertia inertia_of(const UrdfLink& link) {
+  const Matrix3& i = link.inertia_kg_m2;
+  const KDL::RotationalInertia about_com(i(0, 0), i(1, 1), i(2, 2), i(0, 1), i(0, 2), i(1, 2));
+  return frame(link.com_m, link.inertia_rpy_rad) * KDL::RigidBodyInertia(link.mass_kg, KDL::Vector::Zero(), about_com);
+}
+
+KDL::Segment segment(const UrdfJoint& joint, const KDL::RigidBodyInertia& inertia) {
+  const KDL::Frame tip = frame(joint);
+  if (joint.kind == "fixed") return KDL::Segment(joint.name, KDL::Joint(joint.name, KDL::Joint::None), tip, inertia);
+  return KDL::Segment(joint.name, KDL::Joint(joint.name, tip.p, tip.M * kdl(joint.axis), KDL::Joint::RotAxis), tip,
+                      inertia);
+}
+
+void read_limb(const Urdf& urdf, const LimbChain& chain, LimbDescription& limb) {
+  KDL::RigidBodyInertia hand = inertia_of(*urdf.link(chain.joints.back()->child));
+  // At zero opening: fingers move apart symmetrically, so that their common centre of mass stays where it is.
+  for (const UrdfJoint* finger : chain.fingers) hand = hand + frame(*finger) * inertia_of(*urdf.link(finger->child));
+  limb.hand_mass_kg = hand.getMass();
+  limb.hand_com_G_m = vector(hand.getCOG());
+  for (int j = 0; j <= kJoints; ++j) {
+    const UrdfJoint& joint = *chain.joints[j];
+    if (j < kJoints) limb.joints[j] = {joint.lower, joint.upper, joint.velocity, joint.effort};
+    limb.chain.addSegment(segment(joint, j == kJoints ? hand : inertia_of(*urdf.link(joint.child))));
+  }
+}
+
+/// Fills the sections of a description from a checked file.
+struct ReadValue {
+  const YamlSection& file;
+
+  void operator()(const char* section, const char* key, double& value) const {
+    value = file.section(section).number(key);
+  }
+  void operator()(const char* section, const char* key, int& value) const {
+    value = file.section(section).integer(key);
+  }
+  void operator()(const char* section, const char* key, std::array<double, kJoints>& values) const {
+    values = file.section(section).numbers<kJoints>(key);
+  }
+  void operator()(const char* section, const char* key, crux_msgs::robot::Interval& value) const {
+    const auto [low, high] = file.section(section).numbers<2>(key);
+    value = {low, high};
+  }
+  void operator()(const char* section, const char* key, crux_msgs::robot::Nodes& value) const {
+    const YamlSection nodes = file.section(section).section(key);
+    const std::array<std::string, kJoints> joints = file.section("limb").texts<kJoints>("joints");
+    for (int j = 0; j < kJoints; ++j) value.joints[j] = nodes.integer(joints[j]);
+    value.gripper = nodes.integer("gripper");
+  }
+};
+
+LimbNames limb_names(const YamlSection& limb, const std::string& prefix) {
+  LimbNames names{limb.texts<kJoints>("joints"), prefix + limb.text("gripper_frame"), limb.texts<2>("finger_joints")};
+  for (std::string& joint : names.joints) joint.insert(0, prefix);
+  for (std::string& joint : names.finger_joints) joint.insert(0, prefix);
+  return names;
+}
+
+double checked_joint_loops(const RobotDescription& robot, const std::string& path) {
+  const auto each = [](const std::array<double, kJoints>& values) { return JointVector(values.data()); };
+  const ServoDescription& servo = robot.servo;
+  const JointLoops loops = {.position_gain_Nm_rad = each(servo.position_gain_Nm_rad),
+                            .velocity_gain_Nms_rad = each(servo.velocity_gain_Nms_rad),
+                            .damping_Nms_rad = each(servo.damping_Nms_rad),
+                            .lag_s = servo.torque_time_constant_s};
+  return checked_delay_margin_s(robot.limbs[0], loops, each(servo.armature_kg_m2), servo.dead_time_s, path);
+}
+
+RobotDescription read_robot(const std::string& yaml_path) {
+  const std::string yaml_bytes = read_file(yaml_path);
+  const YamlSection file = checked_robot_yaml(yaml_bytes, yaml_path);
+  const std::string urdf_path = (std::filesystem::path(yaml_path).parent_path() / file.text("urdf")).string();
+  const std::string urdf_bytes = read_file(urdf_path);
+  const Urdf urdf = parse_urdf(urdf_bytes, urdf_path);
+
+  RobotDescription robot;
+  robot.name = file.text("name");
+  robot.sha256 = sha256_hex(robot_meaning(file.node(), urdf_bytes));
+  robot.files = {{{"robot.yaml", yaml_bytes}, {file.text("urdf"), urdf_bytes}}};
+  crux_msgs::robot::each_value(robot, ReadValue{file});
+  PerLimb<LimbNames> names;
+  for (int l = 0; l < kLimbs; ++l) {
+    const YamlSection one = file.section("limbs").section(kLimbNames[l]);
+    robot.limbs[l].name = kLimbNames[l];
+    robot.limbs[l].bus = one.integer("bus");
+    names[l] = limb_names(file.section("limb"), one.text("prefix") + "_");
+  }
+  const std::string body_link = file.text("body_link");
+  const PerLimb<LimbChain> chains =
+      checked_limbs(urdf, urdf_path, body_link, names, {robot.gripper.opening_m.low, robot.gripper.opening_m.high});
+  double fastest_rad_s = 0.0;
+  for (int l = 0; l < kLimbs; ++l) {
+    read_limb(urdf, chains[l], robot.limbs[l]);
+    for (const JointLimits& joint : robot.limbs[l].joints)
+      fastest_rad_s = std::max(fastest_rad_s, joint.velocity_rad_s);
+  }
+  const KDL::RigidBodyInertia body = inertia_of(*urdf.link(body_link));
+  robot.body_mass_kg = body.getMass();
+  robot.body_com_B_m = vector(body.getCOG());
+  std::map<std::string, double> masses;  // summed by name, as in logs before
+  for (const UrdfLink& link : urdf.links) masses[link.name] = link.mass_kg;
+  for (const auto& [link, mass_kg] : masses) robot.total_mass_kg += mass_kg;
+  check_motors(robot, yaml_path, fastest_rad_s);
+  check_gains(robot, yaml_path);
+  robot.delay_margin_s = checked_joint_loops(robot, yaml_path);
+  return robot;
+}
+
+}  // namespace
+
+Result<RobotDescription> load_robot(const std::string& yaml_path) {
+  try {
+    return read_robot(yaml_path);
+  } catch (const std::runtime_error& error) {
+    return Refusal{error.what()};
+  }
+}
+
+}  // namespace crux

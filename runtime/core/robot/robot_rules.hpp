@@ -1,0 +1,30 @@
+// What planner and runtime stand on beyond the form of a URDF, with the checks of crux_contracts.robot_rules in their
+// order: a tree of bodies with masses, four mirrored limbs of one kind, fingers that close along the gripper's x.
+#pragma once
+
+#include <array>
+#include <string>
+#include <vector>
+
+#include "core/robot/robot_urdf.hpp"
+
+namespace crux {
+
+/// Joints of one limb from the body outwards, the gripper's mount behind them, and its fingers.
+struct LimbChain {
+  std::vector<const UrdfJoint*> joints;
+  std::array<const UrdfJoint*, 2> fingers{};
+};
+
+/// Of robot.yaml, what the URDF has to fit; names with their prefixes, limbs in the order LF, RF, LR, RR.
+struct LimbNames {
+  std::array<std::string, kJoints> joints;
+  std::string gripper_link;
+  std::array<std::string, 2> finger_joints;
+};
+
+/// @throws std::runtime_error naming file, link or joint, value and what would be right
+PerLimb<LimbChain> checked_limbs(const Urdf& urdf, const std::string& path, const std::string& body_link,
+                                 const PerLimb<LimbNames>& names, const std::array<double, 2>& opening_m);
+
+}  // namespace crux

@@ -1,0 +1,49 @@
+// robot.yaml, checked as crux_contracts checks it: every key there, none that is unknown, every value in its range.
+#pragma once
+
+#include <yaml-cpp/yaml.h>
+
+#include <array>
+#include <string>
+
+#include "core/robot/geometry.hpp"
+
+namespace crux {
+
+/// A mapping of a file that has been checked: what is asked for is there and of its kind.
+class YamlSection {
+ public:
+  explicit YamlSection(const YAML::Node& node) : node_(node) {}
+
+  YamlSection section(const std::string& key) const { return YamlSection(node_[key]); }
+  std::string text(const std::string& key) const { return node_[key].Scalar(); }
+  double number(const std::string& key) const { return value(node_[key]); }
+  int integer(const std::string& key) const { return static_cast<int>(number(key)); }
+
+  template <std::size_t N>
+  std::array<double, N> numbers(const std::string& key) const {
+    std::array<double, N> values{};
+    for (std::size_t i = 0; i < N; ++i) values[i] = value(node_[key][i]);
+    return values;
+  }
+
+  template <std::size_t N>
+  std::array<std::string, N> texts(const std::string& key) const {
+    std::array<std::string, N> values;
+    for (std::size_t i = 0; i < N; ++i) values[i] = node_[key][i].Scalar();
+    return values;
+  }
+
+  /// The mapping itself.
+  const YAML::Node& node() const { return node_; }
+
+ private:
+  static double value(const YAML::Node& node);
+
+  YAML::Node node_;
+};
+
+/// @throws std::runtime_error with the first problem: file, line, key, value and what would be right
+YamlSection checked_robot_yaml(const std::string& bytes, const std::string& path);
+
+}  // namespace crux

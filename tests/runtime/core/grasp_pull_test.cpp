@@ -1,0 +1,242 @@
+// The pull on a new grasp: what it asks of the limb, when it passes, and that the plan waits for it.
+#include "core/grips/grasp_pull.hpp"
+
+#include <algorithm>
+#include <limits>
+
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+using crux_msgs::command_t;
+
+constexpr double kDt_s = 0.002;
+const Wrench kLoad{{15.0, 0.0, 20.0}, {0.1, 0.0, 0.2}};
+
+constexpr PerLimb<double> kBearable_N = {60.0, 60.0, 60.0, 60.0};
+
+/// Runs a test on limb 2 to its end; `way_m(pull share)` is where the gripper goes along x, `slid_share` of it on its
+/// hold; limb 1 needs `need_N` of grasp force for the whole pull.
+template <class Way>
+GraspPull pulled(Way way_m, double slid_share = 0.0, double need_N = 0.0) {
+  GraspPull test;
+  test.begin(2, kLoad, kBearable_N);
+  double last = 0.0, quickest_off = 0.0;
+  for (int i = 0; i < 5000 && test.limb() == 2; ++i) {
+    const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
+    EXPECT_LE(share - last, 0.01) << "no jump of the pull, at cycle " << i;
+    quickest_off = std::max(quickest_off, last - share);
+    last = share;
+    const double way = way_m(share);
+    test.advance({way, 0.0, 0.0}, slid_share * way, {0.0, share * need_N, 99.0, 0.0}, kDt_s);
+  }
+  EXPECT_EQ(test.pull_W().force_N.norm(), 0.0);
+  // What has failed is let off quicker, and without a jump either.
+  EXPECT_LE(quickest_off, test.result(2) == GraspPull::Result::kPassed ? 0.01 : 0.04);
+  return test;
+}
+
+TEST(GraspPull, AGraspThatStandsPassesWithPlayOfItsJoints) {
+  double most = 0.0;
+  const GraspPull test = pulled([&](double share) {
+    most = std::max(most, share);
+    return share > 0.3 ? 0.011 : 0.0;
+  });
+  EXPECT_EQ(test.result(2), GraspPull::Result::kPassed);
+  EXPECT_EQ(test.result(1), GraspPull::Result::kNone);
+  EXPECT_NEAR(most, 1.0, 1e-6);
+}
+
+TEST(GraspPull, AGraspThatCreepsUnderItsLoadFails) {
+  double creep_m = 0.0;
+  const GraspPull test = pulled([&](double share) { return creep_m += share > 0.999 ? 20e-6 : 0.0; }, 1.0);
+  EXPECT_EQ(test.result(2), GraspPull::Result::kFailed);
+  EXPECT_GT(test.gave_way_m(), GraspPull::kMaxCreep_m);
+  EXPECT_LT(test.gave_way_m(), 1.1 * GraspPull::kMaxCreep_m);
+}
+
+TEST(GraspPull, AGraspThatStandsPassesWhileOtherLimbsGoThroughTheirPlay) {
+  double seems_m = 0.0;
+  const GraspPull test = pulled([&](double share) { return seems_m += share > 0.999 ? 40e-6 : 0.0; });
+  EXPECT_GT(seems_m, 2.0 * GraspPull::kMaxCreep_m);
+  EXPECT_EQ(test.result(2), GraspPull::Result::kPassed);
+}
+
+TEST(GraspPull, AGraspThatSlidesAsItIsLoadedFailsThoughItStandsAgain) {
+  const GraspPull test = pulled([](double share) { return share > 0.3 ? 1.1 * GraspPull::kMaxSlide_m : 0.0; }, 1.0);
+  EXPECT_EQ(test.result(2), GraspPull::Result::kFailed);
+  EXPECT_EQ(test.gave_way_m(), 1.1 * GraspPull::kMaxSlide_m);
+  EXPECT_EQ(test.limit_m(), GraspPull::kMaxSlide_m);
+}
+
+TEST(GraspPull, IsNotPulledHarderThanTheOtherLimbsBear) {
+  double most = 0.0;
+  const auto stands = [&](double share) {
+    most = std::max(most, share);
+    return 0.0;
+  };
+  EXPECT_EQ(pulled(stands, 0.0, 100.0).result(2), GraspPull::Result::kPassed);
+  EXPECT_NEAR(most, kBearable_N[1] / 100.0, 0.02);
+}
+
+TEST(GraspPull, IsPulledNoHarderThanItsOwnJointsGive) {
+  double most = 0.0;
+  GraspPull test;
+  test.begin(2, kLoad, kBearable_N);
+  for (int i = 0; i < 5000 && test.limb() == 2; ++i) {
+    const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
+    most = std::max(most, share);
+    const double need_N = share > 0.5 ? std::numeric_limits<double>::infinity() : 99.0;
+    test.advance({0.0, 0.0, 0.0}, 0.0, {0.0, 0.0, need_N, 0.0}, kDt_s);
+  }
+  EXPECT_EQ(test.result(2), GraspPull::Result::kPassed);
+  EXPECT_NEAR(most, 0.5, 0.02);
+}
+
+TEST(GraspPull, AGraspThatComesOffIsNotPulledToTheEnd) {
+  double most = 0.0;
+  const GraspPull test = pulled([&](double share) {
+    most = std::max(most, share);
+    return share > 0.2 ? 0.030 : 0.0;
+  });
+  EXPECT_EQ(test.result(2), GraspPull::Result::kFailed);
+  EXPECT_LT(most, 0.3);
+}
+
+TEST(GraspPull, ALimbThatGripsAnewIsTestedAnew) {
+  GraspPull test = pulled([](double) { return 0.0; });
+  test.forget(2);
+  EXPECT_EQ(test.result(2), GraspPull::Result::kNone);
+}
+
+class PulledGrasp : public testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(run_.until(SupervisorState::kReady, 20));
+    run_.steps(1000);
+    run_.step(command_t::START);
+  }
+  double force_N() const { return Vector3(run_.result.telemetry[0].force_reference_w_n).norm(); }
+  int phase() const { return run_.result.reference[0].phase; }
+  /// Most that LF is asked to bear while it closes; ends where it begins to bear for good, or at a fault.
+  double pull_N() {
+    double most_N = 0.0;
+    for (int i = 0; i < 12000 && phase() != static_cast<int>(LimbPhase::kLoad) && !run_.result.has_fault; ++i) {
+      run_.step();
+      if (phase() == static_cast<int>(LimbPhase::kClose)) most_N = std::max(most_N, force_N());
+    }
+    return most_N;
+  }
+
+  /// Climbs until LF bears on its new hold or a fault is told; the first `n` of its grasps creep when they are pulled.
+  void climb_with_creep(int n) {
+    double creep_rad = 0.0, last_N = 0.0;
+    for (int i = 0; i < 30000 && phase() != static_cast<int>(LimbPhase::kLoad) && !run_.result.has_fault; ++i) {
+      const bool closes = phase() == static_cast<int>(LimbPhase::kClose);
+      if (closes && last_phase_ != phase()) ++grasps_;
+      if (!closes) creep_rad = std::max(creep_rad - 4e-5, 0.0);
+      last_phase_ = phase();
+      const bool stands = force_N() > 1.0 && std::abs(force_N() - last_N) < 0.01;
+      if (closes && stands && grasps_ <= n) creep_rad += 4e-5;
+      last_N = force_N();
+      run_.plant.input().joint_position_rad[1] += creep_rad;
+      run_.step();
+    }
+  }
+
+  Climber run_{sample_plan()};
+  int grasps_ = 0, last_phase_ = 0;
+};
+
+TEST_F(PulledGrasp, ThatGivesWayIsOpenedAndMadeAnewBesideIt) {
+  climb_with_creep(1);
+  EXPECT_FALSE(run_.result.has_fault);
+  EXPECT_EQ(grasps_, 2);
+  ASSERT_EQ(phase(), static_cast<int>(LimbPhase::kLoad));
+  const crux_msgs::limb_reference_t& reference = run_.result.reference[0];
+  const Vector3 beside_m =
+      Vector3(run_.result.telemetry[0].gripper_position_w_m) - Vector3(reference.gripper_position_w_m);
+  const Vector3 along = rotation_z(reference.gripper_yaw_w_rad).col(1);
+  EXPECT_NEAR(beside_m.dot(along), GraspRetry::kShift_m, 2e-3);
+}
+
+TEST_F(PulledGrasp, IsLoadedWithMoreThanItIsToBearBeforeThePlanGoesOn) {
+  const double pull_N = this->pull_N();
+  ASSERT_EQ(phase(), static_cast<int>(LimbPhase::kLoad));
+  double most_N = 0.0;
+  for (int i = 0; i < 3000 && !run_.result.state.plan_complete; ++i) {
+    run_.step();
+    most_N = std::max(most_N, force_N());
+  }
+  EXPECT_TRUE(run_.result.state.plan_complete);
+  EXPECT_GT(most_N, 5.0);
+  EXPECT_GT(pull_N, 1.1 * most_N);
+}
+
+TEST_F(PulledGrasp, IsPulledNoHarderThanTheJointsOfOtherLimbsBear) {
+  double most_N = 0.0;
+  for (int i = 0; i < 12000 && phase() != static_cast<int>(LimbPhase::kLoad) && !run_.result.has_fault; ++i) {
+    const bool closes = phase() == static_cast<int>(LimbPhase::kClose);
+    // Not long enough for a sensor to be doubted.
+    if (closes && most_N < 5.0 && force_N() >= 5.0)
+      run_.plant.input().joint_torque_nm[3 * kJoints + 1] = 0.97 * robot().limbs[3].joints[1].effort_Nm;
+    if (closes) most_N = std::max(most_N, force_N());
+    run_.step();
+  }
+  ASSERT_EQ(phase(), static_cast<int>(LimbPhase::kLoad));
+  EXPECT_NEAR(most_N, 5.0, 1.0);
+}
+
+TEST_F(PulledGrasp, ThatGivesWayIsTriedToBothSidesThenToldAndThePlanStands) {
+  climb_with_creep(GraspRetry::kTries + 1);
+  EXPECT_EQ(run_.result.fault.code, static_cast<int>(FaultCode::kGraspFailed));
+  EXPECT_EQ(run_.result.fault.limb, 0);
+  EXPECT_EQ(run_.core.state(), SupervisorState::kHolding);
+  EXPECT_EQ(phase(), static_cast<int>(LimbPhase::kClose));
+}
+
+TEST_F(PulledGrasp, TakesItsTimeWhereTheLoadIsHeavy) {
+  // 1.2 s do for a contact event of this plant, and not for any pull.
+  RobotDescription impatient = robot();
+  impatient.supervisor.event_timeout_s = 1.2;
+  Climber run(sample_plan(), impatient);
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.steps(1000);
+  run.step(command_t::START);
+  for (int i = 0; i < 20000 && !run.result.state.plan_complete; ++i) run.step();
+  EXPECT_FALSE(run.result.has_fault) << run.result.fault.code << " in phase "
+                                     << static_cast<int>(run.result.reference[0].phase);
+  EXPECT_TRUE(run.result.state.plan_complete);
+}
+
+double pressed_N(const crux_msgs::plan_t& plan, int limb) {
+  Climber run(plan);
+  EXPECT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.steps(3000);
+  return run.result.telemetry[limb].grasp_force_n;
+}
+
+TEST(PlannedSqueeze, IsWhatTheFingersPressWithWhereItIsMore) {
+  crux_msgs::plan_t plan = sample_plan();
+  const double before_N = pressed_N(plan, 1);
+  double planned_N = 0.0;
+  for (crux_msgs::plan_knot_t& knot : plan.knots) {
+    // 25 N more on both fingers of RF, along the axis through them: the gripper's wrench stays.
+    crux_msgs::limb_knot_t& limb = knot.limbs[1];
+    planned_N = 0.0;
+    for (int i = 0; i < 2; ++i) {
+      const double along = i == 0 ? std::cos(limb.gripper_yaw_w_rad) : std::sin(limb.gripper_yaw_w_rad);
+      limb.finger_force_w_n[i] += 25.0 * along;
+      limb.finger_force_w_n[3 + i] -= 25.0 * along;
+      planned_N += 0.5 * along * (limb.finger_force_w_n[i] - limb.finger_force_w_n[3 + i]);
+    }
+  }
+  sign(plan);
+  const double after_N = pressed_N(plan, 1);
+  EXPECT_GT(after_N, before_N + 1.0);
+  EXPECT_NEAR(after_N, planned_N, 0.25);
+}
+
+}  // namespace
+}  // namespace crux_test
