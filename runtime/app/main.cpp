@@ -17,6 +17,7 @@
 #include "app/options.hpp"
 #include "app/realtime.hpp"
 #include "app/restart_keeper.hpp"
+#include "core/robot/robot_reader.hpp"
 #include "lcm/operator_server.hpp"
 #include "telemetry/log_writer.hpp"
 

@@ -18,7 +18,7 @@
 #include <vector>
 
 #include "core/control_core.hpp"
-#include "core/robot/robot_description.hpp"
+#include "core/robot/robot_reader.hpp"
 #include "crux_msgs/cdr.hpp"
 
 namespace {

@@ -16,6 +16,7 @@
 #include <utility>
 
 #include "bus/descriptor.hpp"
+#include "core/plan/plan_preparation.hpp"
 #include "core/robot/hash.hpp"
 #include "crux_msgs/cdr.hpp"
 #include "lcm/identity.hpp"

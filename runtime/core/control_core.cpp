@@ -7,6 +7,7 @@
 
 #include "core/loads/internal_wrench.hpp"
 #include "core/loads/wrench_distribution.hpp"
+#include "core/plan/plan_preparation.hpp"
 #include "core/robot/gravity.hpp"
 #include "core/robot/node_protocol.hpp"
 

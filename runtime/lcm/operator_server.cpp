@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "core/plan/plan_preparation.hpp"
 #include "core/robot/hash.hpp"
 #include "core/supervise/supervisor.hpp"
 #include "crux_msgs/cdr.hpp"

@@ -22,6 +22,7 @@ LAYERS = ["errors", "model", "solvers", "physics", "swing", "search", "trajector
 LAYERS += ["method_report", "__init__", "cli"]  # each uses only those before it, from "pipeline" on the checker too
 FOLDERS = {"core": set(), "bus": {"core"}, "exchange": {"core", "bus"}, "lcm": {"core", "bus", "exchange"}}
 FOLDERS |= {"telemetry": {"core", "exchange"}, "app": {"core", "bus", "exchange", "lcm", "telemetry"}}
+ROOMS = ["robot", "plan", "estimate", "loads", "limb", "grips", "supervise"]  # of the control core, in order
 NODE = {"safety": set(), "core": {"safety"}, "service": {"core", "safety", "update"}}
 NODE |= {"update": {"core", "safety", "service"}}
 WORDS = {"codec.h", "frame.h", "parameters.h"}  # of the core: names and layouts, which the safety component uses too
@@ -111,12 +112,16 @@ def test_the_planner_uses_only_layers_below() -> None:
     assert not upward
 
 
-def test_the_planner_imports_in_no_circle() -> None:
-    graph = planner_imports()
+def assert_no_circle(graph: dict[str, set[str]]) -> None:
+    """Takes away what uses nothing that is left."""
     while free := [module for module, used in graph.items() if not used & graph.keys()]:
         for module in free:
             del graph[module]
     assert not graph, f"among these: {sorted(graph)}"
+
+
+def test_the_planner_imports_in_no_circle() -> None:
+    assert_no_circle(planner_imports())
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
@@ -124,6 +129,35 @@ def test_folders_of_the_runtime_include_only_what_they_stand_on(folder: str) -> 
     for path, name in includes(ROOT / "runtime" / folder):
         of, _, rest = name.partition("/")
         assert not rest or of in {folder, "crux_msgs", *FOLDERS[folder]}, f"{path}: {name}"
+
+
+def core_includes() -> dict[str, set[str]]:
+    """Module by module of the control core, what it includes of it; a header and its source are one module."""
+    core = ROOT / "runtime" / "core"
+    graph: dict[str, set[str]] = {}
+    for path in core.rglob("*.[ch]pp"):
+        graph[path.relative_to(core).with_suffix("").as_posix()] = set()
+    for path, name in includes(core):
+        if name.startswith("core/"):
+            module = path.relative_to(core).with_suffix("").as_posix()
+            graph[module] |= {name.removeprefix("core/").removesuffix(".hpp")} - {module}
+    return graph
+
+
+def test_the_control_core_includes_only_rooms_below() -> None:
+    graph = core_includes()
+    assert {module.rpartition("/")[0] for module in graph} == {"", *ROOMS}
+    floors = {room: floor for floor, room in enumerate([*ROOMS, ""])}
+    upward = []
+    for module, used in graph.items():
+        for other in used:
+            if floors[other.rpartition("/")[0]] > floors[module.rpartition("/")[0]]:
+                upward.append(f"{module}: {other}")
+    assert not upward
+
+
+def test_the_control_core_includes_in_no_circle() -> None:
+    assert_no_circle(core_includes())
 
 
 @pytest.mark.parametrize("folder", NODE)

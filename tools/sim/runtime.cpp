@@ -15,6 +15,7 @@
 #include "app/open_log.hpp"
 #include "app/options.hpp"
 #include "app/restart_keeper.hpp"
+#include "core/robot/robot_reader.hpp"
 #include "lcm/operator_server.hpp"
 #include "memory_bus.hpp"
 #include "telemetry/log_writer.hpp"

@@ -5,9 +5,9 @@
 // and where an encoder has no noise to speak of, no friction bears more than `max_ft_residual_Nm`.
 #pragma once
 
+#include "core/robot/fault_list.hpp"
 #include "core/robot/geometry.hpp"
 #include "core/robot/robot_description.hpp"
-#include "core/supervise/fault_monitor.hpp"
 
 namespace crux {
 

@@ -1,9 +1,9 @@
 // Joints of a limb that oscillate: a position loop that is answered too late, or a limb that yields to its own shaking.
 #pragma once
 
+#include "core/robot/fault_list.hpp"
 #include "core/robot/geometry.hpp"
 #include "core/robot/robot_description.hpp"
-#include "core/supervise/fault_monitor.hpp"
 
 namespace crux {
 

@@ -3,9 +3,6 @@
 #include <Eigen/Geometry>
 
 #include <cmath>
-#include <utility>
-
-#include "core/plan/plan_validation.hpp"
 
 namespace crux {
 namespace {
@@ -49,17 +46,6 @@ void tabulate_feet(PreparedPlan& plan) {
       return i < 3 ? knot.gripper_position_W_m[i] : knot.gripper_yaw_W_rad;
     };
     fill_slopes(n, 4, plan.dt_s, pose, [&](std::size_t k, int i) -> double& { return plan.foot_slope[k][l][i]; });
-  }
-}
-
-/// From foot points to grippers on their pads: `radius_m` above, moments about the gripper centre.
-void stand_on_pads(PreparedPlan& plan, double radius_m) {
-  const Vector3 above(0.0, 0.0, radius_m);
-  for (PerLimb<LimbKnot>& knot : plan.limbs) {
-    for (LimbKnot& limb : knot) {
-      limb.gripper_position_W_m += above;
-      limb.wrench_W.moment_Nm -= above.cross(limb.wrench_W.force_N);
-    }
   }
 }
 
@@ -140,15 +126,6 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
       n, 6, plan.dt_s, [&](std::size_t k, int i) { return prepared->body[k][i]; },
       [&](std::size_t k, int i) -> double& { return prepared->body_slope[k][i]; });
   if (prepared->point_feet) tabulate_feet(*prepared);
-  return prepared;
-}
-
-Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan) {
-  if (std::string defect = plan_message_defect(robot, plan); !defect.empty()) return Refusal{defect};
-  std::unique_ptr<PreparedPlan> tables = tabulate(plan);
-  if (tables->point_feet) stand_on_pads(*tables, robot.gripper.pad_radius_m);
-  std::unique_ptr<const PreparedPlan> prepared = std::move(tables);
-  if (std::string defect = plan_reach_defect(robot, *prepared); !defect.empty()) return Refusal{defect};
   return prepared;
 }
 

@@ -7,8 +7,6 @@
 #include <vector>
 
 #include "core/robot/geometry.hpp"
-#include "core/robot/result.hpp"
-#include "core/robot/robot_description.hpp"
 
 namespace crux {
 
@@ -46,10 +44,6 @@ struct PreparedPlan {
   /// Limb l takes hold at knot k: the first knot after a swing.
   bool takes_hold(int k, int l) const { return k > 0 && k <= intervals() && !limbs[k][l].air && limbs[k - 1][l].air; }
 };
-
-/// Validates `plan` against `robot` and prepares it. Not for the real-time thread. A refusal says which knot, limb and
-/// value do not fit, and what would.
-Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan);
 
 /// Every limb in stance stands on the wall itself.
 bool is_walk(const crux_msgs::plan_t& plan);

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "core/robot/geometry.hpp"
-#include "core/robot/result.hpp"
 #include "crux_msgs/robot.hpp"
 
 namespace crux {
@@ -55,8 +54,5 @@ struct RobotDescription : crux_msgs::robot::Sections {
   double delay_margin_s = 0.0;  ///< from which the position loops oscillate, in the worst posture
   bool calibrates = false;      ///< not of the file: whoever starts the core switches it on
 };
-
-/// Reads robot.yaml at `yaml_path` and the URDF it names. A refusal says file, key, value and what would be right.
-Result<RobotDescription> load_robot(const std::string& yaml_path);
 
 }  // namespace crux

@@ -5,7 +5,6 @@
 #include <iterator>
 #include <utility>
 
-#include "core/grips/grasp_pull.hpp"
 #include "core/robot/node_protocol.hpp"
 #include "crux_msgs/bus_health_t.hpp"
 

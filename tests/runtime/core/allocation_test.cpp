@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "core/plan/plan_preparation.hpp"
 #include "fixture.hpp"
 
 extern "C" void* __libc_malloc(std::size_t size);  // NOLINT: glibc's own, under our counter

@@ -8,6 +8,7 @@
 #include "core/robot/hash.hpp"
 #include "core/robot/inverse_kinematics.hpp"
 #include "core/robot/node_protocol.hpp"
+#include "core/robot/robot_reader.hpp"
 
 namespace crux_test {
 namespace {

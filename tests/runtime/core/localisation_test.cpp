@@ -4,6 +4,7 @@
 
 #include "core/estimate/body_estimator.hpp"
 #include "core/estimate/map_localisation.hpp"
+#include "core/plan/plan_preparation.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

@@ -1,6 +1,7 @@
 // The closed loop of the core, seen from outside: what it does with wrench errors, bias, load and reach.
 #include <Eigen/Geometry>
 
+#include "core/plan/plan_preparation.hpp"
 #include "core/robot/gravity.hpp"
 #include "fixture.hpp"
 

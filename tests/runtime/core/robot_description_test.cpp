@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include "core/robot/robot_meaning.hpp"
+#include "core/robot/robot_reader.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {

@@ -1,4 +1,4 @@
-#include "core/robot/robot_description.hpp"
+#include "core/robot/robot_reader.hpp"
 
 #include <algorithm>
 #include <cmath>
