@@ -13,19 +13,14 @@
 #include <memory>
 
 #include "core/estimate/body_estimator.hpp"
-#include "core/estimate/compliance_estimator.hpp"
 #include "core/estimate/delay_probe.hpp"
 #include "core/estimate/map_localisation.hpp"
-#include "core/estimate/slip_watch.hpp"
-#include "core/estimate/stance_fit.hpp"
 #include "core/estimate/weight_balance.hpp"
-#include "core/grips/grasp_pull.hpp"
-#include "core/grips/grasp_retry.hpp"
-#include "core/grips/hold_search.hpp"
+#include "core/grips/grips.hpp"
 #include "core/limb/calibration.hpp"
 #include "core/limb/limb_controller.hpp"
+#include "core/loads/load_sharing.hpp"
 #include "core/plan/plan_clock.hpp"
-#include "core/plan/prepared_plan.hpp"
 #include "core/stand_up.hpp"
 #include "core/supervise/fault_monitor.hpp"
 #include "core/supervise/supervisor.hpp"
@@ -88,68 +83,38 @@ class ControlCore {
   /// In which latched nodes are told to re-arm: frames may be lost.
   static constexpr int kRearmCycles = 50;
 
-  /// Of a limb in the air to the hold it left, or comes down on, when another has lost its own.
-  enum class Return : std::uint8_t { kNone, kOnItsWay, kOver };
-
+  // The steps of a cycle.
   void sense(const crux_msgs::control_input_t& in) noexcept;
+  void watch(const crux_msgs::control_input_t& in) noexcept;
   void supervise(const crux_msgs::control_input_t& in) noexcept;
-  void watch_stance(double dt_s) noexcept;
-  Reason off_start(const PlanReference& start) const noexcept;
-  /// Moves the body up to its plan where it hangs lower, as long as its limbs bear and reach it.
-  void stand_up(double dt_s) noexcept;
-  /// Where limbs of the plan's beginning grip that are in the air here, or the other way round.
-  Reason off_stance(const PlanReference& start) const noexcept;
-  /// The plan in reference_ takes the stance over from `before`.
-  void hand_over(const PlanReference& before) noexcept;
-  double engagement() const noexcept;
-  /// Decides on what restore() was told, where that is due.
-  void take_up() noexcept;
-  Reason off_restart() noexcept;
-  /// Where fingers and force/torque sensors do not agree with the plan at `at`.
-  Reason off_grips(const PlanTime& at) const noexcept;
-  /// A joint that oscillates, in this cycle.
-  FaultEvent oscillation() const noexcept;
-  /// Before the plan begins: the joint whose drive answers latest, where it is later than its gains bear.
-  FaultEvent late_joint() const noexcept;
-  Reason not_ready(const crux_msgs::control_input_t& in, bool well, const Reason& off) const noexcept;
-  void begin_again() noexcept;
-  void engage(const PlanReference& reference) noexcept;
-  void advance_clock(const PlanReference& reference, double dt_s) noexcept;
-  /// Lets the clock run back in HOLDING, once, until a limb that is in the air while another has lost its hold grips;
-  /// on, where it comes down already or its fingers close, until it bears.
-  void find_hold_again(int command, double dt_s) noexcept;
-  void localise(const PlanReference& reference, double dt_s) noexcept;
-  void control(const crux_msgs::control_input_t& in, const PlanReference& reference) noexcept;
+  void refer(const crux_msgs::control_input_t& in) noexcept;
+  void locate(double dt_s) noexcept;
+  void share(double dt_s) noexcept;
+  void aim(double dt_s) noexcept;
+  void yield(double dt_s) noexcept;
   /// Other gains for the admittances, where they are to be calibrated.
   void calibrate(double dt_s) noexcept;
-  PerLimb<Wrench> wrench_errors(const PlanReference& reference, double engagement) const noexcept;
-  /// Share of its load that a limb bears; nothing once it has lost its hold.
-  double load(int limb, const LimbReference& reference) const noexcept;
-  Contact contact(int limb, const LimbReference& reference) const noexcept;
-  int slipping_limb() const noexcept;
-  /// Share of its load that a limb bears while it slips.
-  double relief(int limb) const noexcept;
-  /// The contact with the friction that the grasp is known to have: the plan's until it slips.
-  Contact known_contact(int limb, const LimbReference& reference) const noexcept;
-  double wanted_grasp_force_N(int limb, const LimbReference& reference, const Wrench& wrench_W) const noexcept;
-  /// limb_telemetry_t.utilisation, by what sensor and fingers feel; by the planned wrench where no sensor is trusted.
-  double utilisation(int limb) const noexcept;
-  /// Grasp force that each limb's share of the load needs.
-  PerLimb<double> needs_N(const PlanReference& reference) const noexcept;
-  void begin_test(int limb) noexcept;
-  /// Sends a limb whose finger stands on its hold over to the side where the hold is.
-  void search_hold(int limb, const LimbReference& reference, LimbEvents& events, double dt_s) noexcept;
-  void test_grasps(const PlanReference& reference, double dt_s) noexcept;
-  void press_holds(const PlanReference& reference, double dt_s) noexcept;
-  LoopErrors loop_errors(double late_s) const noexcept;
-  /// A limb without inertia to speak of: legs that swing have some, and what slides on its hold as it is pulled.
-  bool moves_slowly(int limb) const noexcept;
-  PerLimb<Bearer> bearers(const PlanReference& reference) const noexcept;
-  PerLimb<Wrench> balanced(const PerLimb<Bearer>& bearers) const noexcept;
-  /// What the limbs are to bear: balanced, and within what fingers and joints can.
-  PerLimb<Wrench> shared(const PlanReference& reference) noexcept;
-  PerLimb<Wrench> balanced_on_feet(const PlanReference& reference) const noexcept;
+  void drive(const crux_msgs::control_input_t& in) noexcept;
+  void stand_by() noexcept;
   void write(const crux_msgs::control_input_t& in, CycleResult& out) const noexcept;
+
+  CycleView view() const noexcept;
+  /// 0..1: how far control has taken over from what held the joints before.
+  double engagement() const noexcept;
+  void engage() noexcept;
+  /// Decides on what restore() was told, where that is due.
+  void take_up() noexcept;
+  void begin_again() noexcept;
+  /// The plan in reference_ takes the stance over from `before`.
+  void hand_over(const PlanReference& before) noexcept;
+  LoopErrors errors(double late_s) const noexcept;
+  /// Control begins or ends, and the plan's clock departs, as the supervisor decided. `well`: control may take over.
+  void follow_supervisor(bool well) noexcept;
+  void advance_clock(double dt_s) noexcept;
+  /// Before the plan's clock starts: until all grips are closed and the stance has stood.
+  void settle(const PerLimb<LimbEvents>& events, double dt_s) noexcept;
+  /// Moves the body up to its plan where it hangs lower, as long as its limbs bear and reach it.
+  void stand_up(double dt_s) noexcept;
   void write_reference(CycleResult& out) const noexcept;
   void write_modes(const crux_msgs::control_input_t& in, CycleResult& out) const noexcept;
 
@@ -161,15 +126,10 @@ class ControlCore {
   BodyCorrection correction_;
   MapLocalisation localisation_;
   LoadSharing sharing_;
-  GraspPull test_;
-  GraspRetry retry_;
+  Grips grips_;
   StandUp rise_;
-  PerLimb<HoldSearch> searches_;
   FaultMonitor faults_;
   Supervisor supervisor_;
-  StanceFit stance_;
-  PerLimb<SlipWatch> slips_;
-  PerLimb<ComplianceEstimator> compliances_;
   WeightBalance balance_;
   DelayProbe probe_;
   PlanClock clock_;
@@ -177,7 +137,6 @@ class ControlCore {
   PlanReference reference_;     ///< of this cycle
   PerLimb<Wrench> wrenches_W_;  ///< that the limbs are to bear, of this cycle
   Vector3 com_W_m_ = Vector3::Zero();
-  Return return_ = Return::kNone;
   crux_msgs::restart_t left_{};  ///< that restore() was told, until it is decided on
   bool looks_around_ = false;    ///< to decide on it
   Reason restart_refusal_;

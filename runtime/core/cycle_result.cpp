@@ -39,6 +39,7 @@ void ControlCore::write_modes(const crux_msgs::control_input_t& in, CycleResult&
 }
 
 void ControlCore::write_reference(CycleResult& out) const noexcept {
+  const CycleView now = view();
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& from = reference_.limbs[l];
     crux_msgs::limb_reference_t& to = out.reference[l];
@@ -54,14 +55,18 @@ void ControlCore::write_reference(CycleResult& out) const noexcept {
     copy(from.wrench_W.force_N, to.force_w_n);
     copy(from.wrench_W.moment_Nm, to.moment_w_nm);
     to.friction = from.friction;
-    limbs_[l].write(body_.body_W(), wrenches_W_[l], out.telemetry[l]);
-    out.telemetry[l].utilisation = utilisation(l);
-    copy(stance_.since_contact(l).shift_G_m, out.telemetry[l].stance_shift_g_m);
-    copy(stance_.since_contact(l).turn_G_rad, out.telemetry[l].stance_turn_g_rad);
-    out.telemetry[l].slip_m = slips_[l].slid_m();
-    out.telemetry[l].borne_friction = slips_[l].borne() * from.friction;
-    out.telemetry[l].slip_friction = slips_[l].slipped_at() * from.friction;
-    out.telemetry[l].compliance_m_n = compliances_[l].compliance_m_N();
+    crux_msgs::limb_telemetry_t& telemetry = out.telemetry[l];
+    limbs_[l].write(body_.body_W(), wrenches_W_[l], telemetry);
+    const bool off_wall = supervisor_.state() == SupervisorState::kIdle && !limbs_[l].presses();
+    telemetry.utilisation = off_wall ? 0.0 : grips_.utilisation(now, l);
+    const Misfit& misfit = grips_.stance().since_contact(l);
+    copy(misfit.shift_G_m, telemetry.stance_shift_g_m);
+    copy(misfit.turn_G_rad, telemetry.stance_turn_g_rad);
+    const SlipWatch& slip = grips_.slip(l);
+    telemetry.slip_m = slip.slid_m();
+    telemetry.borne_friction = slip.borne() * from.friction;
+    telemetry.slip_friction = slip.slipped_at() * from.friction;
+    telemetry.compliance_m_n = grips_.compliance_m_N(l);
   }
 }
 
@@ -70,24 +75,25 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   write_modes(in, out);
   write_reference(out);
 
+  const int slipping = grips_.slipping_limb();
   const bool climbing = supervisor_.state() == SupervisorState::kClimbing;
-  const WaitingFor waiting_for = rise_.rises()          ? WaitingFor::kStandUp
-                                 : !climbing            ? WaitingFor::kNothing
-                                 : slipping_limb() >= 0 ? WaitingFor::kSlip
-                                 : started_             ? clock_.waiting_for()
-                                                        : WaitingFor::kSettle;
+  const WaitingFor waiting_for = rise_.rises()   ? WaitingFor::kStandUp
+                                 : !climbing     ? WaitingFor::kNothing
+                                 : slipping >= 0 ? WaitingFor::kSlip
+                                 : started_      ? clock_.waiting_for()
+                                                 : WaitingFor::kSettle;
   crux_msgs::robot_state_t& state = out.state;
   state.cycle = in.cycle;
   state.time_s = static_cast<double>(in.cycle) * in.dt_s;
   state.supervisor_state = static_cast<std::int8_t>(supervisor_.state());
   const Motion to_hold = clock_.now().back ? Motion::kReverse : Motion::kStep;
-  state.motion = static_cast<std::int8_t>(return_ == Return::kOnItsWay ? to_hold : supervisor_.motion());
+  state.motion = static_cast<std::int8_t>(grips_.returns() ? to_hold : supervisor_.motion());
   state.plan_complete = plan_ && clock_.complete(*plan_) ? 1 : 0;
   state.waiting_for = static_cast<std::int8_t>(waiting_for);
-  state.waiting_limb = static_cast<std::int8_t>(!climbing              ? -1
-                                                : slipping_limb() >= 0 ? slipping_limb()
-                                                : started_             ? clock_.waiting_limb()
-                                                                       : settling_limb_);
+  state.waiting_limb = static_cast<std::int8_t>(!climbing       ? -1
+                                                : slipping >= 0 ? slipping
+                                                : started_      ? clock_.waiting_limb()
+                                                                : settling_limb_);
   state.fault_code = static_cast<std::int16_t>(supervisor_.fault().code);
   state.missed_cycles = faults_.missed_cycles();
   state.plan_time_s = plan_ ? clock_.now().seconds(*plan_) : 0.0;

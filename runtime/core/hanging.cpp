@@ -1,5 +1,11 @@
-// Control that takes over from where the robot hangs, as after a loss of power.
+// Control that takes over from where the robot hangs, as after a loss of power or in a new run.
+#include <Eigen/Geometry>
+
+#include <algorithm>
+#include <utility>
+
 #include "core/control_core.hpp"
+#include "core/restart.hpp"
 
 namespace crux {
 namespace {
@@ -9,7 +15,81 @@ constexpr double kAskew_rad = 0.1;
 // A body stands up as long as no joint and no grip is used further than that, and limbs come where they should.
 constexpr double kMostTorque = 0.95, kMostUsed = 0.9, kMostMissed_m = 0.002;
 
+void copy(const Vector3& from, double* to) { std::copy(from.data(), from.data() + 3, to); }
+
+FaultEvent fault_of(const crux_msgs::fault_t& left) {
+  if (crux_msgs::fault_info(left.code) == nullptr) return {};
+  return {static_cast<FaultCode>(left.code), left.limb, left.node, left.value, left.limit};
+}
+
 }  // namespace
+
+void ControlCore::leave(crux_msgs::restart_t& left) const noexcept {
+  left.plan_id.clear();
+  const bool on_wall = plan_ && started_ && !plan_->point_feet && supervisor_.state() != SupervisorState::kIdle;
+  if (!on_wall) return;
+  left.plan_id.assign(plan_->plan_id);
+  left.supervisor_state = static_cast<std::int8_t>(supervisor_.state());
+  left.interval = clock_.now().interval;
+  left.elapsed_s = clock_.now().elapsed_s;
+  left.back = clock_.now().back ? 1 : 0;
+  left.verified_interval = clock_.verified().interval;
+  left.verified_elapsed_s = clock_.verified().elapsed_s;
+  left.speed_scale = supervisor_.speed_scale();
+  const FaultEvent& fault = supervisor_.fault();
+  left.fault.code = static_cast<std::int16_t>(fault.code);
+  left.fault.limb = static_cast<std::int8_t>(fault.limb);
+  left.fault.node = static_cast<std::int8_t>(fault.node);
+  left.fault.value = fault.value;
+  left.fault.limit = fault.limit;
+  copy(body_.body_W().position_m, left.body_position_w_m);
+  std::ranges::copy(quaternion_wxyz(body_.body_W().rotation), left.body_quaternion_w);
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = reference_.limbs[l];
+    left.grips[l] = limb.gripping() && !faults_.health().hold_lost[l] ? 1 : 0;
+    copy(limbs_[l].anchor_W_m(limb), left.place_w_m + 3 * l);
+    left.finger_opening_m[l] = limbs_[l].gripped_opening_m();
+    copy(limbs_[l].tare_G().force_N, left.tare_force_g_n + 3 * l);
+    copy(limbs_[l].tare_G().moment_Nm, left.tare_moment_g_nm + 3 * l);
+  }
+}
+
+void ControlCore::restore(const crux_msgs::restart_t& left) {
+  left_ = left;
+  looks_around_ = true;
+  clock_.restore({std::clamp(left.interval, 0, plan_->intervals() - 1), left.elapsed_s, left.back != 0},
+                 {std::clamp(left.verified_interval, -1, plan_->intervals() - 1), left.verified_elapsed_s});
+  reference_ = play(*plan_, clock_.now());
+  const double* q = left.body_quaternion_w;
+  body_.reset(
+      {Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix(), Vector3(left.body_position_w_m)});
+  for (int l = 0; l < kLimbs; ++l) {
+    limbs_[l].restore(reference_.limbs[l], left.grips[l] != 0, Vector3(left.place_w_m + 3 * l),
+                      left.finger_opening_m[l],
+                      {Vector3(left.tare_force_g_n + 3 * l), Vector3(left.tare_moment_g_nm + 3 * l)});
+  }
+}
+
+void ControlCore::take_up() noexcept {
+  if (!looks_around_ || !faults_.link_restored()) return;
+  looks_around_ = false;
+  const FoundHanging found = find_hanging(view(), left_, clock_.now(), balance_.unbalanced_W().force_N.norm());
+  restart_refusal_ = found.refusal;
+  if (restart_refusal_) {
+    notice_ = {FaultCode::kRestartRefused, restart_refusal_.limb, 0, restart_refusal_.value, restart_refusal_.limit};
+    dropped_ = std::move(plan_);
+    clock_.reset();
+    reference_ = PlanReference();
+    body_.reset({});
+    return;
+  }
+  clock_.restore(found.at, clock_.verified());
+  reference_ = play(*plan_, clock_.now());
+  notice_ = {FaultCode::kRestarted, -1, 0, clock_.now().seconds(*plan_), 0.0};
+  supervisor_.take_up(fault_of(left_.fault), left_.speed_scale);
+  started_ = true;
+  rearm_cycles_ = kRearmCycles;
+}
 
 /// From where the robot hangs: what was to come down on its hold may be somewhere else.
 void ControlCore::begin_again() noexcept {
@@ -28,9 +108,10 @@ void ControlCore::begin_again() noexcept {
 
 void ControlCore::stand_up(double dt_s) noexcept {
   if (!rise_.rises()) return;
+  const CycleView now = view();
   bool may = engagement() >= 1.0;
   for (int l = 0; l < kLimbs; ++l) {
-    const bool bears = limbs_[l].torque_share() <= kMostTorque && utilisation(l) <= kMostUsed;
+    const bool bears = limbs_[l].torque_share() <= kMostTorque && grips_.utilisation(now, l) <= kMostUsed;
     const LimbPhase phase = reference_.limbs[l].phase;
     const bool flies = phase == LimbPhase::kLift || phase == LimbPhase::kSwing || phase == LimbPhase::kDescend;
     const bool comes = flies ? !limbs_[l].caught() : limbs_[l].ik_error_m() <= kMostMissed_m;

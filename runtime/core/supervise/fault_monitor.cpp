@@ -301,7 +301,7 @@ void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList&
     const bool gone =
         lasts(errors.must_grip[l] && errors.closes_on_nothing[l], hold_gone_time_s_[l], dt_s, kHoldGone_s);
     if (lasts(lost, grip_error_time_s_[l], dt_s, p.persistence_s) || gone) {
-      lost_[l] = true;
+      health_.hold_lost[l] = true;
       tell({FaultCode::kGripLost, l, can_.nodes.gripper, errors.finger_force_N[l],
             std::max(p.min_stance_force_N, errors.closes_on_nothing[l] ? errors.least_force_N[l] : 0.0)});
     }
@@ -318,7 +318,7 @@ void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList&
     // A sensor is told of once: a plan that an operator has it climb all the same goes on without it.
     if (lasts(errors.finger_residual_N[l] > p.max_finger_residual_N, finger_residual_time_s_[l], dt_s,
               kFingerResidual_s) &&
-        !std::exchange(finger_distrusted_[l], true)) {
+        !std::exchange(health_.finger_force_distrusted[l], true)) {
       tell({FaultCode::kFingerForceImplausible, l, can_.nodes.gripper, errors.finger_residual_N[l],
             p.max_finger_residual_N});
     }
@@ -326,7 +326,7 @@ void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList&
     const double unexplained_Nm = frozen ? errors.ft_frozen_Nm[l] : errors.ft_residual_Nm[l];
     const double explained_Nm = frozen ? p.max_ft_residual_Nm : errors.ft_limit_Nm[l];
     if (lasts(unexplained_Nm > explained_Nm, ft_residual_time_s_[l], dt_s, kFtResidual_s) &&
-        !std::exchange(distrusted_[l], true)) {
+        !std::exchange(health_.force_torque_distrusted[l], true)) {
       tell({FaultCode::kFtImplausible, l, can_.nodes.gripper, unexplained_Nm, explained_Nm});
     }
     if (lasts(errors.ik_error_m[l] > p.max_ik_error_m, ik_error_time_s_[l], dt_s, p.persistence_s)) {
@@ -336,9 +336,7 @@ void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList&
 }
 
 void FaultMonitor::forgive() noexcept {
-  lost_.fill(false);
-  distrusted_.fill(false);
-  finger_distrusted_.fill(false);
+  health_ = {};
   supply_ = {};
 }
 

@@ -1,11 +1,10 @@
 // Watches nodes, sensors and the loop's own errors for the faults of msgs/faults.yaml.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <crux_msgs/control_input_t.hpp>
-#include <functional>
 
+#include "core/estimate/limb_health.hpp"
 #include "core/robot/fault_list.hpp"
 #include "core/robot/geometry.hpp"
 #include "core/robot/robot_description.hpp"
@@ -70,16 +69,10 @@ class FaultMonitor {
   /// Adds all faults of the loop. Errors count when they last for persistence_s.
   void loop_faults(const LoopErrors& errors, double dt_s, FaultList& found) noexcept;
 
-  /// The limb has lost its hold; it bears nothing from then on.
-  bool lost(int limb) const noexcept { return lost_[limb]; }
-  bool any_lost() const noexcept { return std::ranges::any_of(lost_, std::identity()); }
-  /// The limb's F/T sensor does not fit its joints' torques; nothing is done on its word.
-  bool distrusted(int limb) const noexcept { return distrusted_[limb]; }
-  bool any_distrusted() const noexcept { return std::ranges::any_of(distrusted_, std::identity()); }
-  /// The limb's finger force does not fit its opening and command.
-  bool finger_force_distrusted(int limb) const noexcept { return finger_distrusted_[limb]; }
+  /// What of each limb is no longer counted on.
+  const LimbHealth& health() const noexcept { return health_; }
   /// A plan begins with the limb in the air: what it held is looked for no more.
-  void begin_in_air(int limb) noexcept { lost_[limb] = false; }
+  void begin_in_air(int limb) noexcept { health_.hold_lost[limb] = false; }
   /// An operator has looked: what was lost or distrusted is tried again.
   void forgive() noexcept;
 
@@ -126,10 +119,8 @@ class FaultMonitor {
   PerLimb<double> hold_gone_time_s_{};
   PerLimb<double> no_hold_time_s_{};
   PerLimb<double> ft_residual_time_s_{};
-  PerLimb<bool> lost_{};
-  PerLimb<bool> distrusted_{};
   PerLimb<double> finger_residual_time_s_{};
-  PerLimb<bool> finger_distrusted_{};
+  LimbHealth health_;
 };
 
 }  // namespace crux

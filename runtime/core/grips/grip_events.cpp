@@ -1,0 +1,147 @@
+// What Grips does where a grasp is made: it pulls it, tries it again beside its place, and finds holds again.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/grips/grips.hpp"
+
+namespace crux {
+namespace {
+
+// Of a joint's effort: a pull loads no limb further.
+constexpr double kMostTorque = 0.95;
+// A gripper on its way down has stood so long: it does not come down.
+constexpr double kBlocked_s = 0.3;
+// Share of the fingers' opening from which on it is a finger that stands on something, not the hand.
+constexpr double kFinger = 0.6;
+
+/// Grasp force that each limb's share of the load needs.
+PerLimb<double> needs_N(const CycleView& now) noexcept {
+  PerLimb<double> needs_N{};
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = now.reference.limbs[l];
+    if (limb.gripping() && !now.health.hold_lost[l])
+      needs_N[l] =
+          needed_grasp_force_N(now.wrenches_W[l], limb.finger_axis_W(), contact(now, l, limb), now.robot.control);
+  }
+  return needs_N;
+}
+
+}  // namespace
+
+void Grips::begin_pull(const CycleView& now, const PlanTime& at, int limb) noexcept {
+  if (pull_.limb() >= 0) return;
+  const ControlParameters& control = now.robot.control;
+  PerLimb<double> bearable_N = needs_N(now);
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& other = now.reference.limbs[l];
+    bearable_N[l] =
+        std::max(bearable_N[l], testable_N(*now.plan, at, l, other.finger_axis_W(), contact(now, l, other), control));
+  }
+  const LimbReference& pulled = now.reference.limbs[limb];
+  pull_.begin(limb, test_load_W(*now.plan, at, limb, pulled.finger_axis_W(), contact(now, limb, pulled), control),
+              bearable_N);
+}
+
+void Grips::pull_new_grasps(const CycleView& now, PerLimb<LimbController>& limbs, bool climbs, double dt_s) noexcept {
+  PerLimb<double> needs_N = crux::needs_N(now);
+  for (int l = 0; l < kLimbs; ++l) {
+    if (limbs[l].torque_share() > kMostTorque) needs_N[l] = std::numeric_limits<double>::infinity();
+  }
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& reference = now.reference.limbs[l];
+    if (!reference.gripping() && !reference.closing()) pull_.forget(l);
+    if (pull_.limb() == l) pull_.advance(limbs[l].gripper_W_m(now.body_W), stance_.slid_m(l), needs_N, dt_s);
+    // Beside a hold's edge there is nothing to grip: then it reaches to the other side.
+    const bool misses = retry_.tried(l) && limbs[l].finds_no_hold(reference, now.started);
+    if (climbs && (misses || pull_.result(l) == GraspPull::Result::kFailed) && retry_.begin(l)) {
+      pull_.forget(l);
+      limbs[l].aim_beside(searches_[l].beside_W_m() + retry_.shift_W_m(reference), reference);
+    }
+  }
+}
+
+void Grips::judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, PerLimb<LimbEvents>& events,
+                  double dt_s) noexcept {
+  if (now.plan->point_feet) return;
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& reference = now.reference.limbs[l];
+    search_hold(now, clock, limbs[l], l, events[l], dt_s);
+    if (retry_.limb() == l) {
+      if (reference.phase == LimbPhase::kDescend && events[l].arrived) retry_.opened();
+      events[l].gripped = false;
+      clock.wait_anew();
+    }
+    if (!reference.closing()) continue;
+    if (events[l].gripped && pull_.result(l) == GraspPull::Result::kNone) begin_pull(now, clock.now(), l);
+    events[l].gripped = pull_.result(l) == GraspPull::Result::kPassed;
+  }
+}
+
+void Grips::search_hold(const CycleView& now, PlanClock& clock, LimbController& limb, int l, LimbEvents& events,
+                        double dt_s) noexcept {
+  const LimbReference& reference = now.reference.limbs[l];
+  HoldSearch& search = searches_[l];
+  if (reference.phase != LimbPhase::kDescend && !reference.closing()) return search.reset();
+  const Vector3 missed_W_m = limb.gripper_W_m(now.body_W) - limb.anchor_W_m(reference);
+  bool aims_anew = false;
+  if (search.searches()) {
+    aims_anew = search.advance(missed_W_m.norm(), dt_s);
+  } else if (clock.waiting_for() == WaitingFor::kArrive && clock.waiting_limb() == l && clock.waited_s() > kBlocked_s &&
+             limb.runs_against() && !now.health.force_torque_distrusted[l]) {
+    const ControlParameters& control = now.robot.control;
+    const Vector3 axis_W = reference.finger_axis_W();
+    const Wrench& wrench_W = limb.wrench_W();
+    const double open_m = limb.finger_opening_m(), at_m = pressed_along_m(wrench_W, axis_W);
+    const bool finger = wrench_W.force_N.z() > control.contact_force_N && std::abs(at_m) > kFinger * open_m;
+    const int k = clock.now().interval;
+    const LimbKnot& grasp = now.plan->limbs[clock.now().back ? std::max(k - 1, 0) : k + 1][l];
+    const double slack_m = open_m - grasp.finger_opening_m;
+    const Vector3 shift_W_m = std::copysign(slack_m, at_m) * axis_W;
+    aims_anew = finger && search.begin(missed_W_m.z(), shift_W_m, control.max_contact_offset_m);
+    // A hand that stands on its hold comes no lower, whatever its encoders say.
+    const bool hand = wrench_W.force_N.z() > control.contact_force_N && !finger && events.opened;
+    events.arrived = events.arrived || (hand && missed_W_m.head<2>().norm() <= now.robot.supervisor.arrive_tolerance_m);
+  }
+  if (aims_anew) limb.aim_beside(search.beside_W_m(), reference);
+  if (!search.searches() && !aims_anew) return;
+  events.arrived = false;
+  clock.wait_anew();
+}
+
+void Grips::find_hold_again(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, bool hold,
+                            double dt_s) noexcept {
+  if (return_ == Return::kOver || now.plan->point_feet || !now.health.any_hold_lost()) return;
+  // A gripper that comes down on its hold, closes or presses on it already goes on, and its limb takes up load.
+  bool in_air = false, comes = false;
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& reference = now.reference.limbs[l];
+    const bool lost = now.health.hold_lost[l];
+    in_air = in_air || !(reference.gripping() || lost);
+    const bool near = reference.closing() || reference.phase == LimbPhase::kDescend;
+    comes = comes || (near && !lost);
+  }
+  if (return_ == Return::kNone) {
+    const bool on = comes && !clock.now().back;
+    const bool leads = on ? stance_s(*now.plan, clock.now().interval + 1) > 0.0 : clock.can_reverse(*now.plan);
+    const bool can = in_air && retry_.limb() < 0 && leads;
+    return_ = can ? Return::kOnItsWay : Return::kOver;
+    if (!can) return;
+    clock.depart(*now.plan, on ? Motion::kStep : Motion::kReverse);
+    pull_.reset();
+    retry_.reset();
+  }
+  // On two grips the body may hang elsewhere than it seems: fingers that do not arrive close where they are.
+  const bool late = clock.waiting_for() == WaitingFor::kArrive && clock.waited_s() > kBlocked_s;
+  PerLimb<LimbEvents> events;
+  for (int l = 0; l < kLimbs; ++l) {
+    events[l] = limbs[l].events(now.reference.limbs[l], now.body_W, dt_s);
+    events[l].gripped = events[l].gripped || now.health.hold_lost[l];
+    events[l].arrived = events[l].arrived || late;
+  }
+  clock.advance(*now.plan, events, dt_s, 1.0);
+  const bool ends = clock.arrived(*now.plan) || clock.waited_s() > now.robot.supervisor.event_timeout_s;
+  if (ends || hold) return_ = Return::kOver;
+}
+
+}  // namespace crux

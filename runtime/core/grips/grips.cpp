@@ -1,0 +1,113 @@
+#include "core/grips/grips.hpp"
+
+#include <algorithm>
+
+namespace crux {
+namespace {
+
+// A gripper that slips is relieved where so many others take its load.
+constexpr int kLeastOthers = 2;
+// What a limb bears of the rest while its new grasp is pulled.
+constexpr double kPulledLoad = 1e-3;
+
+}  // namespace
+
+Contact contact(const CycleView& now, int limb, const LimbReference& reference) noexcept {
+  return {reference.friction, now.plan->patch_k_m,
+          std::min(now.plan->max_normal_N, now.robot.gripper.max_finger_force_N),
+          now.limbs[limb].grip_opening_m(reference)};
+}
+
+Grips::Grips(const StanceParameters& parameters)
+    : parameters_(parameters),
+      stance_(parameters),
+      slips_{SlipWatch(parameters), SlipWatch(parameters), SlipWatch(parameters), SlipWatch(parameters)} {}
+
+void Grips::begin_plan() noexcept {
+  pull_.reset();
+  retry_.reset();
+  searches_.fill({});
+  return_ = Return::kNone;
+}
+
+void Grips::forgive() noexcept {
+  pull_.reset();
+  retry_.reset();
+  return_ = Return::kNone;
+  for (SlipWatch& slip : slips_) slip = SlipWatch(parameters_);
+}
+
+void Grips::watch(const CycleView& now, double dt_s) noexcept {
+  PerLimb<FittedLimb> fitted;
+  unsigned holding = 0;  // a bit a limb
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& reference = now.reference.limbs[l];
+    const LimbController& limb = now.limbs[l];
+    // Before the plan has begun somebody may put the robot on: a limb holds where its fingers press.
+    const bool presses = limb.finger_force_N() >= now.robot.control.min_grasp_force_N;
+    const bool grips = reference.gripping() && limb.in_contact() && (now.started || presses);
+    const bool seen = !now.health.hold_lost[l] && !limb.blind();
+    const bool holds = now.engaged && !reference.point_foot && (grips || pull_.begun(l)) && seen;
+    fitted[l] = {&limb.state(), limb.torque_Nm(), holds};
+    if (holds) holding |= 1U << static_cast<unsigned>(l);
+  }
+  stance_.update(fitted, dt_s);
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& reference = now.reference.limbs[l];
+    const LimbController& limb = now.limbs[l];
+    const double used = limit_surface_utilisation(limb.wrench_W(), reference.finger_axis_W(),
+                                                  contact(now, l, reference), limb.finger_force_N());
+    // While control takes over, the fingers' force and the load change too quickly to be set against each other.
+    slips_[l].update(l, stance_, fitted[l].holds && reference.gripping(), now.started ? used : 0.0, dt_s);
+    const Matrix3 rotation_GW = (now.body_W.rotation * limb.state().gripper_B.rotation).transpose();
+    compliances_[l].update(fitted[l].holds ? holding : 0, rotation_GW * limb.wrench_W().force_N,
+                           stance_.since_contact(l).shift_G_m, dt_s);
+  }
+}
+
+int Grips::slipping_limb() const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    if (slips_[l].slips()) return l;
+  }
+  return -1;
+}
+
+double Grips::relief(const CycleView& now, int limb) const noexcept {
+  int others = 0;
+  for (int l = 0; l < kLimbs; ++l) others += l != limb && now.reference.limbs[l].gripping() && !now.health.hold_lost[l];
+  return others < kLeastOthers ? 1.0 : slips_[limb].relief();
+}
+
+double Grips::load(const CycleView& now, int limb, const LimbReference& reference) const noexcept {
+  if (now.health.hold_lost[limb]) return 0.0;
+  // With a hold gone each grip is needed whole, also one that takes load up just now, or gives it off.
+  return (now.health.any_hold_lost() && reference.gripping() ? 1.0 : reference.load) * relief(now, limb);
+}
+
+PerLimb<Bearer> Grips::bearers(const CycleView& now, const PlanReference& reference) const noexcept {
+  PerLimb<Bearer> bearers;
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = reference.limbs[l];
+    bearers[l] = {now.limbs[l].anchor_W_m(limb), limb.finger_axis_W(), load(now, l, limb),
+                  now.health.hold_lost[l] ? Wrench() : limb.wrench_W * relief(now, l)};
+    if (pull_.limb() == l) bearers[l].load = kPulledLoad, bearers[l].planned_W = pull_.pull_W();
+  }
+  return bearers;
+}
+
+Contact Grips::known_contact(const CycleView& now, int limb) const noexcept {
+  Contact known = contact(now, limb, now.reference.limbs[limb]);
+  const double slipped_at = slips_[limb].slipped_at();
+  if (slipped_at > 0.0) known.friction *= std::min(slipped_at, 1.0);
+  return known;
+}
+
+double Grips::utilisation(const CycleView& now, int limb) const noexcept {
+  const LimbReference& reference = now.reference.limbs[limb];
+  if (!now.plan || now.plan->point_feet || !reference.gripping()) return 0.0;
+  const Wrench& wrench_W = now.health.force_torque_distrusted[limb] ? now.wrenches_W[limb] : now.limbs[limb].wrench_W();
+  return limit_surface_utilisation(wrench_W, reference.finger_axis_W(), contact(now, limb, reference),
+                                   now.limbs[limb].finger_force_N());
+}
+
+}  // namespace crux

@@ -1,0 +1,62 @@
+#include "core/grips/shares.hpp"
+
+#include <Eigen/Geometry>
+
+#include "core/loads/internal_wrench.hpp"
+
+namespace crux {
+namespace {
+
+PerLimb<Wrench> balanced_on_feet(const CycleView& now) noexcept {
+  // Forces act at the foot points; the plan's own sum of forces stands, for a walk accelerates.
+  const Vector3 below(0.0, 0.0, -now.robot.gripper.pad_radius_m);
+  PerLimb<Bearer> bearers;
+  PerLimb<Vector3> feet_W_m;
+  Vector3 total_N = Vector3::Zero();
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = now.reference.limbs[l];
+    feet_W_m[l] = now.limbs[l].anchor_W_m(limb) + below;
+    bearers[l] = {feet_W_m[l], Vector3::Zero(), limb.load, {limb.wrench_W.force_N, {0, 0, 0}}};
+    total_N += limb.wrench_W.force_N;
+  }
+  PerLimb<Wrench> wrenches = balanced_wrenches(bearers, now.com_W_m, -total_N, 0.0);
+  share_along_plane(feet_W_m, wrenches);
+  for (Wrench& wrench : wrenches) wrench.moment_Nm += below.cross(wrench.force_N);
+  return wrenches;
+}
+
+}  // namespace
+
+PerLimb<Wrench> balanced(const CycleView& now, const PerLimb<Bearer>& bearers) noexcept {
+  return balanced_wrenches(bearers, now.com_W_m, now.robot.total_mass_kg * now.plan->gravity_W_m_s2,
+                           now.robot.control.twist_length_m);
+}
+
+PerLimb<Wrench> shared(const CycleView& now, const Grips& grips, LoadSharing& sharing) noexcept {
+  if (now.plan->point_feet) return balanced_on_feet(now);
+  const PerLimb<Bearer> bearing = grips.bearers(now, now.reference);
+  const Matrix3& rotation_WB = now.body_W.rotation;
+  PerLimb<Capacity> capacities;
+  for (int l = 0; l < kLimbs; ++l)
+    capacities[l] = now.limbs[l].capacity(grips.known_contact(now, l), rotation_WB, now.plan->gravity_W_m_s2);
+  return sharing.within_limits(balanced(now, bearing), bearing, capacities, now.com_W_m, rotation_WB,
+                               now.robot.control);
+}
+
+PerLimb<Wrench> wrench_errors(const CycleView& now, const Grips& grips, double engagement) noexcept {
+  PerLimb<Wrench> errors;
+  PerLimb<Vector3> positions_W_m;
+  PerLimb<double> loads{};
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& reference = now.reference.limbs[l];
+    const LimbController& limb = now.limbs[l];
+    positions_W_m[l] = limb.anchor_W_m(reference);
+    if (now.health.force_torque_distrusted[l] || limb.blind()) continue;
+    loads[l] = grips.load(now, l, reference);
+    if (!now.health.hold_lost[l] && !grips.slip(l).slips() && (reference.gripping() || reference.closing()))
+      errors[l] = (limb.wrench_W() - now.wrenches_W[l]) * engagement;
+  }
+  return internal_errors(errors, positions_W_m, loads, now.com_W_m, now.robot.control.moment_length_m);
+}
+
+}  // namespace crux
