@@ -185,7 +185,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
 
 void ControlCore::follow_supervisor(bool well) noexcept {
   for (int l = 0; l < kLimbs; ++l) {
-    limbs_[l].trust_finger_force(!faults_.health().finger_force_distrusted[l]);
+    limbs_[l].fingers().trust(!faults_.health().finger_force_distrusted[l]);
     limbs_[l].trust_force_torque(!faults_.health().force_torque_distrusted[l]);
   }
   if (supervisor_.rearm_requested()) {

@@ -46,7 +46,7 @@ void ControlCore::write_reference(CycleResult& out) const noexcept {
     to.limb = static_cast<std::int8_t>(l);
     // Before control has taken over the plan's beginning says nothing of a limb; its fingers do.
     const bool idle = supervisor_.state() == SupervisorState::kIdle && !looks_around_;
-    const LimbPhase felt = limbs_[l].presses() ? LimbPhase::kStance : LimbPhase::kSwing;
+    const LimbPhase felt = limbs_[l].fingers().presses() ? LimbPhase::kStance : LimbPhase::kSwing;
     to.phase = static_cast<std::int8_t>(idle ? felt : from.phase);
     to.load = from.load;
     copy(from.gripper_position_W_m, to.gripper_position_w_m);
@@ -57,7 +57,7 @@ void ControlCore::write_reference(CycleResult& out) const noexcept {
     to.friction = from.friction;
     crux_msgs::limb_telemetry_t& telemetry = out.telemetry[l];
     limbs_[l].write(body_.body_W(), wrenches_W_[l], telemetry);
-    const bool off_wall = supervisor_.state() == SupervisorState::kIdle && !limbs_[l].presses();
+    const bool off_wall = supervisor_.state() == SupervisorState::kIdle && !limbs_[l].fingers().presses();
     telemetry.utilisation = off_wall ? 0.0 : grips_.utilisation(now, l);
     const Misfit& misfit = grips_.stance().since_contact(l);
     copy(misfit.shift_G_m, telemetry.stance_shift_g_m);

@@ -48,7 +48,7 @@ void ControlCore::leave(crux_msgs::restart_t& left) const noexcept {
     const LimbReference& limb = reference_.limbs[l];
     left.grips[l] = limb.gripping() && !faults_.health().hold_lost[l] ? 1 : 0;
     copy(limbs_[l].anchor_W_m(limb), left.place_w_m + 3 * l);
-    left.finger_opening_m[l] = limbs_[l].gripped_opening_m();
+    left.finger_opening_m[l] = limbs_[l].fingers().gripped_opening_m();
     copy(limbs_[l].tare_G().force_N, left.tare_force_g_n + 3 * l);
     copy(limbs_[l].tare_G().moment_Nm, left.tare_moment_g_nm + 3 * l);
   }

@@ -29,13 +29,13 @@ Reason off_grips(const CycleView& now, const restart_t& left, const PlanReferenc
     const LimbController& limb = now.limbs[l];
     const bool lost = now.reference.limbs[l].gripping() && left.grips[l] == 0;
     if (lost || opens_or_closes(reference)) continue;
-    const double force_N = limb.finger_force_N(), opening_m = limb.finger_opening_m();
-    if (reference.gripping() && !limb.presses())
+    const double force_N = limb.fingers().force_N(), opening_m = limb.fingers().opening_m();
+    if (reference.gripping() && !limb.fingers().presses())
       return {"it was on a hold, now its fingers press with {value} N (least: {limit} N)", l, 0, force_N, contact_N};
     if (left.grips[l] != 0 && reference.gripping() && std::abs(opening_m - left.finger_opening_m[l]) > kSameOpening_m)
       return {"its fingers stand at {value} m, on its hold they stood at {limit} m", l, 0, opening_m,
               left.finger_opening_m[l]};
-    if (!reference.gripping() && limb.presses())
+    if (!reference.gripping() && limb.fingers().presses())
       return {"it was in the air, now its fingers press with {value} N (most: {limit} N)", l, 0, force_N, contact_N};
   }
   return {};

@@ -53,7 +53,7 @@ void Grips::pull_new_grasps(const CycleView& now, PerLimb<LimbController>& limbs
     if (!reference.gripping() && !reference.closing()) pull_.forget(l);
     if (pull_.limb() == l) pull_.advance(limbs[l].gripper_W_m(now.body_W), stance_.slid_m(l), needs_N, dt_s);
     // Beside a hold's edge there is nothing to grip: then it reaches to the other side.
-    const bool misses = retry_.tried(l) && limbs[l].finds_no_hold(reference, now.started);
+    const bool misses = retry_.tried(l) && limbs[l].fingers().finds_no_hold(reference, now.started);
     if (climbs && (misses || pull_.result(l) == GraspPull::Result::kFailed) && retry_.begin(l)) {
       pull_.forget(l);
       limbs[l].aim_beside(searches_[l].beside_W_m() + retry_.shift_W_m(reference), reference);
@@ -92,7 +92,7 @@ void Grips::search_hold(const CycleView& now, PlanClock& clock, LimbController& 
     const ControlParameters& control = now.robot.control;
     const Vector3 axis_W = reference.finger_axis_W();
     const Wrench& wrench_W = limb.wrench_W();
-    const double open_m = limb.finger_opening_m(), at_m = pressed_along_m(wrench_W, axis_W);
+    const double open_m = limb.fingers().opening_m(), at_m = pressed_along_m(wrench_W, axis_W);
     const bool finger = wrench_W.force_N.z() > control.contact_force_N && std::abs(at_m) > kFinger * open_m;
     const int k = clock.now().interval;
     const LimbKnot& grasp = now.plan->limbs[clock.now().back ? std::max(k - 1, 0) : k + 1][l];

@@ -44,7 +44,7 @@ void Grips::watch(const CycleView& now, double dt_s) noexcept {
     const LimbReference& reference = now.reference.limbs[l];
     const LimbController& limb = now.limbs[l];
     // Before the plan has begun somebody may put the robot on: a limb holds where its fingers press.
-    const bool presses = limb.finger_force_N() >= now.robot.control.min_grasp_force_N;
+    const bool presses = limb.fingers().force_N() >= now.robot.control.min_grasp_force_N;
     const bool grips = reference.gripping() && limb.in_contact() && (now.started || presses);
     const bool seen = !now.health.hold_lost[l] && !limb.blind();
     const bool holds = now.engaged && !reference.point_foot && (grips || pull_.begun(l)) && seen;
@@ -56,7 +56,7 @@ void Grips::watch(const CycleView& now, double dt_s) noexcept {
     const LimbReference& reference = now.reference.limbs[l];
     const LimbController& limb = now.limbs[l];
     const double used = limit_surface_utilisation(limb.wrench_W(), reference.finger_axis_W(),
-                                                  contact(now, l, reference), limb.finger_force_N());
+                                                  contact(now, l, reference), limb.fingers().force_N());
     // While control takes over, the fingers' force and the load change too quickly to be set against each other.
     slips_[l].update(l, stance_, fitted[l].holds && reference.gripping(), now.started ? used : 0.0, dt_s);
     const Matrix3 rotation_GW = (now.body_W.rotation * limb.state().gripper_B.rotation).transpose();
@@ -107,7 +107,7 @@ double Grips::utilisation(const CycleView& now, int limb) const noexcept {
   if (!now.plan || now.plan->point_feet || !reference.gripping()) return 0.0;
   const Wrench& wrench_W = now.health.force_torque_distrusted[limb] ? now.wrenches_W[limb] : now.limbs[limb].wrench_W();
   return limit_surface_utilisation(wrench_W, reference.finger_axis_W(), contact(now, limb, reference),
-                                   now.limbs[limb].finger_force_N());
+                                   now.limbs[limb].fingers().force_N());
 }
 
 }  // namespace crux

@@ -29,7 +29,7 @@ class Grips {
   /// An operator has looked: pulls, tries and slips are forgotten.
   void forgive() noexcept;
 
-  /// Once a cycle, with a plan: sets the grips against each other.
+  /// Once a cycle, with a plan: compares the grips with each other.
   void watch(const CycleView& now, double dt_s) noexcept;
 
   /// Keeps the fingers open of a limb that is to grip beside its first place.
@@ -39,8 +39,8 @@ class Grips {
   /// place. `climbs`: otherwise no limb is sent anywhere.
   void pull_new_grasps(const CycleView& now, PerLimb<LimbController>& limbs, bool climbs, double dt_s) noexcept;
 
-  /// Before the clock advances by `events`: a gripper has arrived only once its hold is found, and has gripped only once
-  /// its grasp has passed the pull.
+  /// Before the clock advances by `events`: a gripper has arrived only once its hold is found, and has gripped only
+  /// once its grasp has passed the pull.
   void judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, PerLimb<LimbEvents>& events,
              double dt_s) noexcept;
 
@@ -56,7 +56,7 @@ class Grips {
   /// A limb in the air is on its way back to a hold after another has lost its own.
   bool returns() const { return return_ == Return::kOnItsWay; }
   int slipping_limb() const noexcept;  ///< the first; -1: none
-  /// Moves on its hold no faster than a limb without inertia: not while it is pulled or tried again.
+  /// The limb is neither pulled nor opening for another try.
   bool rests(int limb) const noexcept { return pull_.limb() != limb && retry_.limb() != limb; }
 
   /// Share of its load that a limb bears; nothing once it has lost its hold.

@@ -46,7 +46,7 @@ PerLimb<Wrench> shared(const CycleView& now, const Grips& grips, LoadSharing& sh
 PerLimb<Wrench> wrench_errors(const CycleView& now, const Grips& grips, double engagement) noexcept {
   PerLimb<Wrench> errors;
   PerLimb<Vector3> positions_W_m;
-  PerLimb<double> loads{};
+  PerLimb<double> loads{};  // none of a limb whose sensors are not believed
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& reference = now.reference.limbs[l];
     const LimbController& limb = now.limbs[l];

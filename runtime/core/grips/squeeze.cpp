@@ -19,7 +19,7 @@ double wanted_N(const CycleView& now, int limb, const LimbReference& reference, 
 void press_holds(const CycleView& now, const Grips& grips, const PlanTime& at, PerLimb<LimbController>& limbs,
                  bool rises, double dt_s) noexcept {
   if (now.plan->point_feet) {
-    for (int l = 0; l < kLimbs; ++l) limbs[l].grasp(now.reference.limbs[l], 0.0, dt_s);
+    for (int l = 0; l < kLimbs; ++l) limbs[l].fingers().grasp(now.reference.limbs[l], 0.0, dt_s);
     return;
   }
   const PlanReference ahead = play(*now.plan, later(*now.plan, at, now.robot.control.grasp_force_lead_s));
@@ -28,7 +28,7 @@ void press_holds(const CycleView& now, const Grips& grips, const PlanTime& at, P
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& reference = now.reference.limbs[l];
     const GraspPull& pull = grips.pull();
-    limbs[l].hurry(any_lost);
+    limbs[l].fingers().hurry(any_lost);
     double force_N = 0.0;
     if (reference.gripping() || reference.closing()) force_N = wanted_N(now, l, reference, now.wrenches_W[l]);
     if (pull.limb() == l) force_N = wanted_N(now, l, reference, pull.load_W());
@@ -37,7 +37,7 @@ void press_holds(const CycleView& now, const Grips& grips, const PlanTime& at, P
     if (reference.gripping() && !now.health.force_torque_distrusted[l])
       force_N = std::max(force_N, wanted_N(now, l, reference, limbs[l].wrench_W()));
     if (ahead.limbs[l].gripping()) force_N = std::max(force_N, wanted_N(now, l, ahead.limbs[l], wrenches_ahead_W[l]));
-    limbs[l].grasp(reference, force_N, dt_s);
+    limbs[l].fingers().grasp(reference, force_N, dt_s);
   }
 }
 

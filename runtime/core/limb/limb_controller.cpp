@@ -13,10 +13,6 @@ Wrench turned(const Wrench& wrench, const Matrix3& rotation) {
   return {rotation * wrench.force_N, rotation * wrench.moment_Nm};
 }
 
-constexpr double kFingersRest_m_s = 0.02;
-constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
-constexpr double kStop_m = 0.001;      // from the fingers' closed stop: they press on each other or on the stop itself
-constexpr double kLeastClosed_m = 0.001;  // fingers that came down about a hold close so far, or are jammed
 // A limb that hung without power is that far from its way; it goes away from the wall first, above the way.
 constexpr double kAstray_m = 0.04, kClear_m = 0.03;
 constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
@@ -26,11 +22,6 @@ constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's
 bool on_hold(const LimbReference& reference) {
   if (reference.point_foot && reference.phase == LimbPhase::kLoad) return reference.load > kFoundLoad;
   return reference.gripping() || reference.phase == LimbPhase::kOpen;
-}
-
-/// The gripper is on its way, and not yet down to its hold.
-bool passes_over(const LimbReference& reference) {
-  return !reference.point_foot && (reference.phase == LimbPhase::kLift || reference.phase == LimbPhase::kSwing);
 }
 
 }  // namespace
@@ -48,7 +39,7 @@ LimbController::LimbController(const RobotDescription& robot, int limb)
       encoders_(robot, limb),
       shaking_(robot, limb),
       admittance_(robot.admittance),
-      grasp_(robot.gripper, robot.control) {
+      fingers_(robot) {
   kinematics_.evaluate(q_rad_, state_);
 }
 
@@ -67,9 +58,7 @@ void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
   }
   if (in.gripper_fresh[limb_] != 0 && std::isfinite(in.finger_opening_m[limb_]) &&
       std::isfinite(in.finger_speed_m_s[limb_]) && std::isfinite(in.finger_force_n[limb_])) {
-    finger_opening_m_ = in.finger_opening_m[limb_];
-    finger_speed_m_s_ = in.finger_speed_m_s[limb_];
-    finger_force_N_ = in.finger_force_n[limb_];
+    fingers_.see(in.finger_opening_m[limb_], in.finger_speed_m_s[limb_], in.finger_force_n[limb_]);
   }
   const Vector3 force_N(in.ft_force_g_n + 3 * limb_);
   const Vector3 moment_Nm(in.ft_moment_g_nm + 3 * limb_);
@@ -116,8 +105,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   contact_offset_W_m_ = in_contact_ ? clamped_norm(off_m, control_.max_contact_offset_m) : Vector3::Zero();
   admittance_.reset(off_m - contact_offset_W_m_,
                     rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
-  grasp_.reset(finger_opening_m_, finger_force_N_);
-  gripped_opening_m_ = finger_opening_m_;
+  fingers_.engage();
   aim_W_ = body_W;
   ik_ = {};
   ik_.q_rad = q_rad_;
@@ -126,7 +114,6 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   for (int j = 0; j < kJoints; ++j) {
     held_offset_rad_[j] = (torque_Nm_[j] - held_torque_Nm_[j]) / servo_.position_gain_Nm_rad[j];
   }
-  gripped_time_s_ = 0.0;
   encoders_.restart();
   shaking_.restart();
 }
@@ -136,8 +123,7 @@ void LimbController::restore(const LimbReference& reference, bool grips, const V
   wrench_.take_bias(tare_G);
   found_ = in_contact_ = grips;
   contact_offset_W_m_ = grips ? Vector3(place_W_m - reference.gripper_position_W_m) : Vector3::Zero();
-  gripped_opening_m_ = opening_m;
-  opened_m_ = gripper_.opening_m.high;
+  fingers_.restore(opening_m);
 }
 
 void LimbController::hand_over(const LimbReference& before, const LimbReference& now, double engagement) noexcept {
@@ -151,16 +137,12 @@ void LimbController::hand_over(const LimbReference& before, const LimbReference&
 LimbEvents LimbController::events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept {
   const double distance_m = ((body_W * state_.gripper_B).position_m - anchor_W_m(reference)).norm();
   if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
-  if (!reference.gripping() && !reference.closing()) opened_m_ = finger_opening_m_;
-  const bool about_nothing = reference.closing() && (closed() || finger_opening_m_ > opened_m_ - kLeastClosed_m);
-  const bool grips = finger_force_N() >= control_.contact_force_N && !about_nothing;
-  gripped_time_s_ = grips ? gripped_time_s_ + dt_s : 0.0;
   const bool unloaded = trusts_force_torque_ ? wrench_W().force_N.norm() < control_.unload_force_N
                                              : borne_Nm_.norm() < supervisor_.max_ft_residual_Nm;
   return {.unloaded = unloaded,
-          .opened = opened(reference),
-          .arrived = opened(reference) && distance_m <= supervisor_.arrive_tolerance_m,
-          .gripped = gripped_time_s_ >= supervisor_.persistence_s};
+          .opened = fingers_.opened(reference),
+          .arrived = fingers_.opened(reference) && distance_m <= supervisor_.arrive_tolerance_m,
+          .gripped = fingers_.gripped(reference, dt_s)};
 }
 
 Pose LimbController::target_W(const LimbReference& reference) const noexcept {
@@ -192,7 +174,7 @@ bool LimbController::follow_contact(const LimbReference& reference, const Pose& 
     const std::size_t begins = reference.back ? 1 : 0, ends = 1 - begins;
     if (contact) {
       known_[ends] = {};
-      gripped_opening_m_ = finger_opening_m_;
+      fingers_.grip();
     } else {
       // Fingers that turn back before they have left close where they are.
       if (in_contact_) {
@@ -258,7 +240,7 @@ void LimbController::comply(const LimbReference& reference, const Wrench& error_
   Vector3 felt_N = runs_against ? wrench_W().force_N : Vector3::Zero();
   // What it runs against from the side, in passing over, stands out further than planned, or the gripper is lower than
   // it seems: it goes over it.
-  if (passes_over(reference)) felt_N.z() += felt_N.head<2>().norm();
+  if (reference.passing()) felt_N.z() += felt_N.head<2>().norm();
   if (reference.phase != LimbPhase::kOpen) {
     const Vector3 before_m = admittance_.offset_m();
     const bool too_low = before_m.z() < kClear_m;
@@ -269,21 +251,12 @@ void LimbController::comply(const LimbReference& reference, const Wrench& error_
     // A hold that stands out of the wall further than planned is passed at the planned height above where it was
     // gripped.
     const Vector3& offset_m = admittance_.offset_m();
-    if (passes_over(reference) && offset_m.z() < before_m.z())
+    if (reference.passing() && offset_m.z() < before_m.z())
       admittance_.rebase({offset_m.x(), offset_m.y(), before_m.z()}, admittance_.rotation_rad());
   }
   const bool free = reference.phase == LimbPhase::kSwing && !reference.point_foot && !runs_against &&
-                    finger_force_N() < 0.2 * control_.contact_force_N;
+                    fingers_.force_N() < 0.2 * control_.contact_force_N;
   if (free) wrench_.tare(rotation_WB * state_.gripper_B.rotation, dt_s);
-}
-
-void LimbController::grasp(const LimbReference& reference, double force_N, double dt_s) noexcept {
-  grasp_.see(finger_opening_m_, finger_speed_m_s_, finger_force_N());
-  if (!reference.point_foot && (reference.gripping() || reference.closing())) {
-    grasp_.press(force_N, finger_force_N(), finger_opening_m_, dt_s);
-  } else {
-    grasp_.open_to(reference.finger_opening_m, dt_s);
-  }
 }
 
 void LimbController::drive(const LimbReference& reference, const Wrench& wrench_W, const Vector3& gravity_W_m_s2,
@@ -311,37 +284,10 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
   }
 }
 
-double LimbController::finger_residual_N(const LimbReference& reference, bool begun) const noexcept {
-  const bool rest = std::abs(finger_speed_m_s_) < kFingersRest_m_s;
-  const bool touches = wrench_W().force_N.norm() >= control_.unload_force_N;  // a hold, in passing
-  if (finds_no_hold(reference, begun)) return 0.0;                            // they stand at their own stop
-  if (rest && passes_over(reference) && opened(reference)) return touches ? 0.0 : std::abs(finger_force_N_);
-  return rest ? std::max(expected_finger_force_N() - finger_force_N_, 0.0) : 0.0;
-}
-
-bool LimbController::presses() const noexcept { return !closed() && finger_force_N_ >= control_.contact_force_N; }
-
 double LimbController::torque_share() const noexcept {
   double share = 0.0;
   for (int j = 0; j < kJoints; ++j) share = std::max(share, std::abs(torque_Nm_[j]) / joints_[j].effort_Nm);
   return share;
-}
-
-bool LimbController::finds_no_hold(const LimbReference& reference, bool begun) const noexcept {
-  const bool seeks = begun ? reference.closing() : reference.gripping();
-  return seeks && closed();
-}
-
-bool LimbController::closed() const noexcept { return finger_opening_m_ < gripper_.opening_m.low + kStop_m; }
-
-double LimbController::grip_opening_m(const LimbReference& reference) const noexcept {
-  if (reference.point_foot || !(reference.gripping() || reference.closing())) return reference.finger_opening_m;
-  return std::clamp(in_contact_ ? gripped_opening_m_ : finger_opening_m_, gripper_.opening_m.low,
-                    gripper_.opening_m.high);
-}
-
-bool LimbController::closes_on_nothing() const noexcept {
-  return finger_opening_m_ < gripped_opening_m_ - kPadsGive_m && finger_force_N_ < least_finger_force_N();
 }
 
 void LimbController::stay_at(const JointVector& q_rad) noexcept {

@@ -11,7 +11,7 @@
 #include "core/estimate/wrench_estimator.hpp"
 #include "core/limb/admittance.hpp"
 #include "core/limb/calibration.hpp"
-#include "core/loads/grasp_force.hpp"
+#include "core/limb/fingers.hpp"
 #include "core/loads/load_sharing.hpp"
 #include "core/plan/plan_clock.hpp"
 #include "core/plan/reference_player.hpp"
@@ -47,9 +47,6 @@ class LimbController {
 
   /// Contact events as the plan's clock wants them.
   LimbEvents events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept;
-  bool opened(const LimbReference& reference) const noexcept {
-    return finger_opening_m_ >= reference.finger_opening_m - supervisor_.open_tolerance_m;
-  }
 
   /// Where the limb grips, in W: the planned place and what it was found to be off at contact.
   Vector3 anchor_W_m(const LimbReference& reference) const {
@@ -90,11 +87,6 @@ class LimbController {
   /// Gains of comply() from now on.
   void set_gains(const AdmittanceParameters& gains) noexcept { admittance_.set_parameters(gains); }
 
-  /// Presses with `force_N` on a hold, opens in the air.
-  void grasp(const LimbReference& reference, double force_N, double dt_s) noexcept;
-  /// Enables or disables closing at full speed.
-  void hurry(bool hurries) noexcept { grasp_.hurry(hurries); }
-
   /// Joint positions by inverse kinematics, and feed-forward torque from gravity and the wrench to bear. `engagement`
   /// 0..1 blends from what held the joints before control took over.
   void drive(const LimbReference& reference, const Wrench& wrench_W, const Vector3& gravity_W_m_s2,
@@ -133,31 +125,17 @@ class LimbController {
   /// In the air, something holds it.
   bool caught() const { return runs_against() && wrench_W().force_N.norm() >= control_.unload_force_N; }
   bool force_torque_tared() const { return wrench_.tared(); }
-  /// Squeeze of a finger; what the actuator's command makes of its opening where the sensor is not trusted.
-  double finger_force_N() const { return trusts_finger_force_ ? finger_force_N_ : expected_finger_force_N(); }
-  void trust_finger_force(bool trusts) noexcept { trusts_finger_force_ = trusts; }
+  Fingers& fingers() { return fingers_; }
+  const Fingers& fingers() const { return fingers_; }
   void trust_force_torque(bool trusts) noexcept { trusts_force_torque_ = trusts; }
-  double expected_finger_force_N() const noexcept {
-    return grasp_.expected_force_N(finger_opening_m_, finger_speed_m_s_);
+  /// Fingers::residual_N(), by what the F/T sensor feels.
+  double finger_residual_N(const LimbReference& reference, bool begun) const noexcept {
+    return fingers_.residual_N(reference, begun, wrench_W().force_N.norm() >= control_.unload_force_N);
   }
-  /// What the finger force measured lacks of that [N], and all of it where the fingers are open in the air and the F/T
-  /// sensor feels nothing. Fingers that move tell nothing, nor does a force that is more: a self-locking screw keeps
-  /// its squeeze when it is told to loosen.
-  double finger_residual_N(const LimbReference& reference, bool begun) const noexcept;
-  /// Half of what the fingers are to press with now [N].
-  double least_finger_force_N() const { return 0.5 * grasp_.force_reference_N(); }
-  /// The fingers, on their way to a hold or, before the plan has begun, on one, have come to their closed stop: nothing
-  /// is between them.
-  bool finds_no_hold(const LimbReference& reference, bool begun) const noexcept;
-  /// By force and opening: there is something between its fingers.
-  bool presses() const noexcept;
-  double gripped_opening_m() const { return gripped_opening_m_; }
-  double finger_opening_m() const { return finger_opening_m_; }
-  /// From a pad's face to the gripper's centre, of a grip: as found, else as planned.
-  double grip_opening_m(const LimbReference& reference) const noexcept;
-  /// The fingers close further than the hold that they had gripped is wide, and press with less than that: opening and
-  /// force are two sensors.
-  bool closes_on_nothing() const noexcept;
+  /// Fingers::grip_opening_m(), as found where the limb is in contact.
+  double grip_opening_m(const LimbReference& reference) const noexcept {
+    return fingers_.grip_opening_m(reference, in_contact_);
+  }
   /// Worst joint's distance from its command [rad] and its index.
   double tracking_error_rad(int& joint) const noexcept;
   double ik_error_m() const { return ik_.position_error_m; }
@@ -177,8 +155,6 @@ class LimbController {
     Vector3 offset_m() const { return known ? Vector3(found_W_m - planned_W_m) : Vector3::Zero(); }
   };
 
-  /// The fingers are at their closed stop.
-  bool closed() const noexcept;
   /// The commands are these angles, and do not move.
   void stay_at(const JointVector& q_rad) noexcept;
   Pose target_W(const LimbReference& reference) const noexcept;
@@ -198,19 +174,13 @@ class LimbController {
   EncoderWatch encoders_;
   OscillationWatch shaking_;
   Admittance admittance_;
-  GraspController grasp_;
+  Fingers fingers_;
   Yielding translation_, rotation_;
 
   // Measured.
   JointVector q_rad_ = JointVector::Zero();
   JointVector torque_Nm_ = JointVector::Zero();
-  double finger_opening_m_ = 0.0;
-  double finger_speed_m_s_ = 0.0;
-  double finger_force_N_ = 0.0;
-  bool trusts_finger_force_ = true;
   bool trusts_force_torque_ = true;
-  double opened_m_ = 0.0;           ///< before the fingers closed
-  double gripped_opening_m_ = 0.0;  ///< at contact
   Wrench raw_G_;
   JointVector residual_Nm_ = JointVector::Zero();           ///< filtered as the wrench is
   JointVector borne_Nm_ = JointVector::Zero();              ///< torque beyond gravity, filtered likewise
@@ -236,7 +206,6 @@ class LimbController {
   JointVector command_torque_Nm_ = JointVector::Zero();
   JointVector held_offset_rad_ = JointVector::Zero();  ///< of the setpoint that held each joint from the joint itself
   JointVector held_torque_Nm_ = JointVector::Zero();
-  double gripped_time_s_ = 0.0;
 };
 
 }  // namespace crux

@@ -21,7 +21,7 @@ void LimbController::write(NodeMode joint_mode, NodeMode gripper_mode,
     out.joint_torque_nm[i] = command_torque_Nm_[j];
   }
   out.gripper_mode[limb_] = static_cast<std::int8_t>(gripper_mode);
-  out.finger_opening_m[limb_] = grasp_.opening_command_m();
+  out.finger_opening_m[limb_] = fingers_.opening_command_m();
   out.finger_speed_limit_m_s[limb_] = gripper_.max_finger_speed_m_s;
   out.finger_force_limit_n[limb_] = gripper_.max_finger_force_N;
 }
@@ -51,8 +51,8 @@ void LimbController::write(const Pose& body_W, const Wrench& wrench_reference_W,
                                        a.rotational_damping_Nms_rad,
                                        a.rotational_stiffness_Nm_rad};
   std::copy(gains.begin(), gains.end(), out.admittance_gains);
-  out.grasp_force_reference_n = grasp_.force_reference_N();
-  out.grasp_force_n = finger_force_N_;
+  out.grasp_force_reference_n = fingers_.force_reference_N();
+  out.grasp_force_n = fingers_.measured_force_N();
   out.ik_limited = static_cast<std::int8_t>(ik_.limited);
 }
 

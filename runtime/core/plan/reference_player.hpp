@@ -53,6 +53,8 @@ struct LimbReference {
     return phase == LimbPhase::kStance || phase == LimbPhase::kUnload || phase == LimbPhase::kLoad;
   }
   bool closing() const { return phase == LimbPhase::kClose; }
+  /// The gripper is on its way, and not yet down to its hold.
+  bool passing() const { return !point_foot && (phase == LimbPhase::kLift || phase == LimbPhase::kSwing); }
   /// Unit vector through both pads, towards finger 1.
   Vector3 finger_axis_W() const { return {std::cos(gripper_yaw_W_rad), std::sin(gripper_yaw_W_rad), 0.0}; }
 };

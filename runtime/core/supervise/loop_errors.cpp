@@ -32,12 +32,12 @@ LoopErrors loop_errors(const CycleView& now, const Grips& grips, const WeightBal
     errors.tracking_error_rad[l] = limb.tracking_error_rad(errors.worst_joint[l]);
     errors.ik_error_m[l] = limb.ik_error_m();
     // No grip counts as lost on the word of one sensor: opening and command must say so, too.
-    errors.finger_force_N[l] = std::max(limb.finger_force_N(), limb.expected_finger_force_N());
-    errors.least_force_N[l] = limb.least_finger_force_N();
-    errors.closes_on_nothing[l] = limb.closes_on_nothing();
+    errors.finger_force_N[l] = std::max(limb.fingers().force_N(), limb.fingers().expected_force_N());
+    errors.least_force_N[l] = limb.fingers().least_force_N();
+    errors.closes_on_nothing[l] = limb.fingers().closes_on_nothing();
     errors.finger_residual_N[l] = walks ? 0.0 : limb.finger_residual_N(reference, now.started);
-    errors.finds_no_hold[l] = !walks && limb.finds_no_hold(reference, now.started);
-    errors.opening_m[l] = limb.finger_opening_m();
+    errors.finds_no_hold[l] = !walks && limb.fingers().finds_no_hold(reference, now.started);
+    errors.opening_m[l] = limb.fingers().opening_m();
     errors.hold_m[l] = reference.finger_opening_m;
     errors.grasp_failed[l] = pull.result(l) == GraspPull::Result::kFailed;
     const bool settled = now.started && !stands_up;

@@ -7,7 +7,7 @@ Reason off_stance(const CycleView& now, const PlanReference& start) noexcept {
     const bool grips = now.reference.limbs[l].gripping() && !now.health.hold_lost[l];
     if (start.limbs[l].gripping() && !grips)
       return {"the plan starts with this gripper on a hold, but it is in the air: its fingers press with {value} N", l,
-              0, now.limbs[l].finger_force_N()};
+              0, now.limbs[l].fingers().force_N()};
     if (!start.limbs[l].gripping() && grips)
       return {"the plan starts with this gripper in the air, but it is on its hold and bears {value} N", l, 0,
               now.limbs[l].wrench_W().force_N.norm()};
@@ -31,7 +31,7 @@ Reason off_start(const CycleView& now, const PlanReference& start, bool must_pre
     if (!(angle_rad <= p.start_tolerance_rad))
       return {"the gripper is rotated by {value} rad from the plan's start pose (limit: {limit} rad)", l, 0, angle_rad,
               p.start_tolerance_rad};
-    const double force_N = now.limbs[l].finger_force_N();
+    const double force_N = now.limbs[l].fingers().force_N();
     if (must_press && !limb.point_foot && limb.gripping() && !(force_N >= p.min_stance_force_N))
       return {"the plan starts with this gripper closed, but its fingers press with {value} N (least: {limit} N)", l, 0,
               force_N, p.min_stance_force_N};
