@@ -8,13 +8,11 @@ import argparse
 from contextlib import suppress
 
 from crux_contracts import LIMB_NAMES, channels
-from crux_contracts.channels import FAULT_BY_CODE
+from crux_contracts.channels import FAULT_BY_CODE, SUPERVISOR_STATES
 from crux_contracts.lcm_bytes import decoded
 from crux_msgs import fault_t, limb_telemetry_t, robot_state_t
 from crux_tools.lcm_socket import LcmSocket
 from crux_tools.operator_link import DEFAULT_URL
-
-STATES = ("idle", "ready", "climbing", "holding", "fault")
 
 
 class Watch:
@@ -44,7 +42,8 @@ class Watch:
             self.told_s = state.time_s
             used = "  ".join(f"{name} {share:4.0%}" for name, share in zip(LIMB_NAMES, self.used, strict=True))
             where = f"plan {state.plan_time_s:6.1f} of {state.plan_end_s:.1f} s"
-            print(f"{STATES[state.supervisor_state]:8s}  {where}  limit surface used: {used}", flush=True)
+            name = SUPERVISOR_STATES[state.supervisor_state].lower()
+            print(f"{name:8s}  {where}  limit surface used: {used}", flush=True)
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import cantools
 from cantools.database.can import Database, Message, Signal
 from cantools.database.can.c_source import camel_to_snake_case, generate
+from crux_contracts import N_LIMBS
 from crux_contracts.can_codec import GRIPPER_NODE, JOINTS
 
 PREFIX = "crux_can"
@@ -195,6 +196,7 @@ def identifiers(kinds: list[Kind], database: Database) -> str:
 #include "crux_can.h"
 
 #define CRUX_CAN_PROTOCOL_VERSION {protocol}u
+#define CRUX_CAN_LIMBS {N_LIMBS}u // each with a bus of its own
 #define CRUX_CAN_JOINTS {JOINTS}u // nodes 1 .. CRUX_CAN_JOINTS, from the shoulder outwards
 #define CRUX_CAN_NODE_GRIPPER {GRIPPER_NODE}u
 // Bit of a status' Faults that a cause has: n - 1, and of causes 11, 12, 13 the bits of 2, 3, 8, which are events.

@@ -41,6 +41,7 @@ class Struct:
     package: str
     name: str
     constants: list[Constant] = field(default_factory=list)
+    enumerations: list[tuple[str, ...]] = field(default_factory=list)  # constants of a line that count from 0
     fields: list[Field] = field(default_factory=list)
 
     @property
@@ -94,13 +95,17 @@ def _parse_constants(tokens: _Tokens, struct: Struct) -> None:
     type_name = tokens.take()
     if type_name not in INTEGERS:
         raise LcmSyntaxError(f"{struct.name}: constants must be integers, not {type_name}")
+    constants = []
     while True:
         name = tokens.take()
         tokens.take("=")
-        struct.constants.append(Constant(name, type_name, int(tokens.take())))
+        constants.append(Constant(name, type_name, int(tokens.take())))
         if not tokens.take_if(","):
             break
     tokens.take(";")
+    struct.constants += constants
+    if [constant.value for constant in constants] == list(range(len(constants))):
+        struct.enumerations.append(tuple(constant.name for constant in constants))
 
 
 def _parse_fields(tokens: _Tokens, struct: Struct) -> None:

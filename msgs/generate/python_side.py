@@ -40,6 +40,7 @@ def tables_module(structs: dict[str, Struct], channels: list[Channel], faults: l
     """crux_msgs/tables.py: plain data, wrapped with types by crux_contracts.channels."""
     members = {s.name: [(f.name, f.type, f.dimension) for f in s.fields] for s in structs.values()}
     schemas = {s.name: (s.schema_name, definition(s, structs)) for s in structs.values()}
+    enumerations = {s.name: s.enumerations for s in structs.values() if s.enumerations}
     rows = [(c.name, c.type, c.rate_Hz, c.writer, c.logged, c.topic, c.per_limb) for c in channels]
     fault_rows = [(f.code, f.name, f.to, f.text) for f in faults]
     help_rows = {f.code: (f.cause, f.do) for f in faults}
@@ -59,6 +60,13 @@ def tables_module(structs: dict[str, Struct], channels: list[Channel], faults: l
                 "MEMBERS",
                 "dict[str, list[tuple[str, str, int | str | None]]]",
                 [f"{k!r}: {v!r}" for k, v in members.items()],
+                "{}",
+            ),
+            "# type -> [names of constants that count 0, 1, 2 ...]",
+            listing(
+                "ENUMERATIONS",
+                "dict[str, list[tuple[str, ...]]]",
+                [f"{k!r}: {v!r}" for k, v in enumerations.items()],
                 "{}",
             ),
             "# (name, type, rate_Hz, writer, logged, topic, per_limb); rate -1: when something happens, 0: only logged",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from crux_contracts import LIMB_NAMES, robot_bounds
+from crux_contracts import LIMB_NAMES, N_LIMBS, robot_bounds
 from crux_contracts.reading import MAX_TEXT, OTHER_UNITS
 from crux_contracts.robot_bounds import JOINTS
 from crux_contracts.yaml_document import MAX_BYTES, MAX_DEPTH
@@ -29,7 +29,7 @@ def _bounds() -> str:
         if name.isupper() and isinstance(value, (int, float))
     ]
     names = ", ".join(f'"{name}"' for name in LIMB_NAMES)
-    lines.append(f"inline constexpr int kLimbs = {len(LIMB_NAMES)};")
+    lines.append(f"inline constexpr int kLimbs = {N_LIMBS};")
     lines.append(f"inline constexpr std::array<const char*, kLimbs> kLimbNames = {{{{{names}}}}};")
     lines.append(f"inline constexpr int kMaxText = {MAX_TEXT};  // characters")
     lines.append(f"inline constexpr int kMaxBytes = {MAX_BYTES};  // of a file")

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from crux_contracts import channels
 from crux_contracts.can_codec import DBC
+from crux_msgs import robot_state_t
 from generate import can_c, lcm_types, robot_keys, tables
 from generate.can_c import CanDatabaseError
 from generate.lcm_types import LcmSyntaxError, parse_files
@@ -35,6 +36,17 @@ def test_ros2msg_of_all_shapes(tmp_path: Path) -> None:
         "=" * 80, "MSG: p/Inner", "int64 a", "int64 b",
     ]  # fmt: skip
     assert structs["outer_box_t"].schema_name == "p/msg/OuterBox"
+
+
+def test_constants_of_a_line_that_count_from_0_are_an_enumeration(tmp_path: Path) -> None:
+    text = "package p; struct a_t { const int8_t NONE = -1, A = 0, B = 1; const int8_t C = 0, D = 1; }"
+    assert parse(tmp_path, text)["a_t"].enumerations == [("C", "D")]
+
+
+def test_states_are_named_as_the_message_numbers_them() -> None:
+    for number, name in enumerate(channels.SUPERVISOR_STATES):
+        assert getattr(robot_state_t, name) == number
+    assert {"IDLE", "FAULT"} < set(channels.SUPERVISOR_STATES)
 
 
 @pytest.mark.parametrize(

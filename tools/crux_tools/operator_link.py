@@ -30,7 +30,7 @@ FIRST_CONTACT_S = 0.3  # in which others may say that they are the runtime
 VERDICT_TIMEOUT_S = 10.0  # the runtime decodes and validates the whole plan
 TRIES = 4
 LEASE_LEFT_S = 2.0  # with less the lease is renewed first
-STATES = {value: name for name, value in (("idle", 0), ("ready", 1), ("climbing", 2), ("holding", 3), ("fault", 4))}
+STATES = dict(enumerate(name.lower() for name in channels.SUPERVISOR_STATES))
 
 
 @dataclass

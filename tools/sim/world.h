@@ -5,9 +5,13 @@
 
 #include <stdint.h>
 
-#define CRUX_SIM_LIMBS 4
-#define CRUX_SIM_JOINTS 24
-#define CRUX_SIM_PADS 8
+#include "crux_can_ids.h"
+
+enum {
+  CRUX_SIM_LIMBS = CRUX_CAN_LIMBS,
+  CRUX_SIM_JOINTS = CRUX_CAN_LIMBS * CRUX_CAN_JOINTS,
+  CRUX_SIM_PADS = 2 * CRUX_CAN_LIMBS
+};
 
 typedef enum crux_sensor { CRUX_FORCE_TORQUE, CRUX_ENCODER, CRUX_FINGER_OPENING, CRUX_FINGER_FORCE } crux_sensor;
 

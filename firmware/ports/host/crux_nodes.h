@@ -8,13 +8,14 @@
 
 #include <stdint.h>
 
+#include "crux_can_ids.h"
 #include "image.h"
 #include "link.h"
 #include "outside_node.h"
 #include "parameters.h"
 
-#define CRUX_LIMBS 4
-#define CRUX_JOINTS 24
+#define CRUX_LIMBS ((int)CRUX_CAN_LIMBS)
+#define CRUX_JOINTS ((int)(CRUX_CAN_LIMBS * CRUX_CAN_JOINTS))
 
 #define CRUX_API __attribute__((visibility("default")))
 

@@ -34,7 +34,7 @@ def _table(kind: str, name: str, count: str, entries: Sequence[ctypes.Structure]
 
 def node_table(robot: Robot) -> str:
     """C source of the parameter tables."""
-    joints, limbs = "NODE_TABLE_LIMBS * CRUX_CAN_JOINTS", "NODE_TABLE_LIMBS"
+    joints, limbs = "CRUX_CAN_LIMBS * CRUX_CAN_JOINTS", "CRUX_CAN_LIMBS"
     return (
         f"// Generated from the robot description {robot.name}. Do not edit.\n"
         '#include "node_table.h"\n\n'

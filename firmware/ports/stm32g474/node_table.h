@@ -8,12 +8,10 @@
 #include "drive/motor.h"
 #include "parameters.h"
 
-#define NODE_TABLE_LIMBS 4U
-
-extern const crux_joint_parameters node_table_joints[NODE_TABLE_LIMBS * CRUX_CAN_JOINTS];  ///< limb-major
-extern const crux_gripper_parameters node_table_grippers[NODE_TABLE_LIMBS];
-extern const crux_joint_drive_parameters node_table_joint_drives[NODE_TABLE_LIMBS * CRUX_CAN_JOINTS];
-extern const crux_gripper_drive_parameters node_table_gripper_drives[NODE_TABLE_LIMBS];
+extern const crux_joint_parameters node_table_joints[CRUX_CAN_LIMBS * CRUX_CAN_JOINTS];  ///< limb-major
+extern const crux_gripper_parameters node_table_grippers[CRUX_CAN_LIMBS];
+extern const crux_joint_drive_parameters node_table_joint_drives[CRUX_CAN_LIMBS * CRUX_CAN_JOINTS];
+extern const crux_gripper_drive_parameters node_table_gripper_drives[CRUX_CAN_LIMBS];
 extern const uint32_t node_table_hash;
 
 #endif

@@ -2,3 +2,4 @@
 
 LIMB_NAMES = ("LF", "RF", "LR", "RR")
 """The limb order used everywhere."""
+N_LIMBS = len(LIMB_NAMES)

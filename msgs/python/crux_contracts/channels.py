@@ -10,6 +10,8 @@ from crux_msgs.channel_names import *  # noqa: F403
 from . import LIMB_NAMES
 
 EVENT_RATE = -1.0
+SUPERVISOR_STATES = tables.ENUMERATIONS["robot_state_t"][0]
+"""IDLE, READY, ...: names of robot_state_t.supervisor_state."""
 
 
 @dataclass(frozen=True)

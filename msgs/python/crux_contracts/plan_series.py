@@ -9,13 +9,12 @@ import numpy as np
 from crux_msgs import limb_knot_t, plan_t
 from numpy.typing import NDArray
 
-from . import LIMB_NAMES
+from . import LIMB_NAMES, N_LIMBS
 from .interpolation import gripper_wrench
 
 if TYPE_CHECKING:
     import pandas
 
-N_LIMBS = len(LIMB_NAMES)
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from crux_contracts import LIMB_NAMES
+from crux_contracts import LIMB_NAMES, N_LIMBS
 
 from crux_planner.admm.admm import ContactPlan
 from crux_planner.admm.hull import HullMilp
@@ -31,7 +31,7 @@ from crux_planner.trajectory.consensus import FORCE_THRESHOLD_N, Eta, Scales
 from crux_planner.trajectory.knot_qp import KnotSolution, solve_knots
 from crux_planner.trajectory.walk_qp import ContactQp, WalkKnots
 
-_LIMBS = tuple(range(len(LIMB_NAMES)))
+_LIMBS = tuple(range(N_LIMBS))
 _GAP, TIME_S = 0.01, 6.0  # of a limb's MIP
 
 

@@ -5,13 +5,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from crux_contracts import N_LIMBS
+from crux_msgs import limb_knot_t
 
 from crux_planner.checker.geometry import Array, Flags, Indices, rotation_about_z
 from crux_planner.checker.report import Findings
 
-STANCE, AIR = 0, 1
-FACE_NONE, FACE_WALL = -1, 4
-N_LIMBS = 4
+STANCE, AIR = limb_knot_t.STANCE, limb_knot_t.AIR
+FACE_NONE, FACE_WALL = limb_knot_t.FACE_NONE, limb_knot_t.FACE_WALL
 
 _OUTWARD = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
 """Outward normals of a cuboid's faces in its own frame: +x, -x, +y, -y, top (of the wall itself: FACE_WALL)."""

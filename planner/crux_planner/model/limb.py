@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 from crux_contracts.robot import Limb, Robot
+from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.arrays import Array
 
 Vector = tuple[Any, Any, Any]
-JOINTS = 6
 NUMBERS = 36
 _STRETCHED = 0.999  # of a limb's links end to end
 

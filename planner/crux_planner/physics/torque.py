@@ -8,8 +8,9 @@ from functools import cache
 from typing import Any
 
 import casadi as ca
+from crux_contracts.robot_bounds import JOINTS
 
-from crux_planner.model.limb import JOINTS, NUMBERS, combined, cross, dot, placed
+from crux_planner.model.limb import NUMBERS, combined, cross, dot, placed
 from crux_planner.physics.dynamics import gripper_wrench, rotation
 
 INTERVAL_TORQUES = 2 * JOINTS

@@ -14,9 +14,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.limb import JOINTS, NUMBERS
+from crux_planner.model.limb import NUMBERS
 from crux_planner.model.problem import Problem
 from crux_planner.physics.torque import joint_torques
 from crux_planner.search.equilibrium import WRENCH, Query, StaticEquilibrium, clipped

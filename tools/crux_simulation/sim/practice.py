@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from crux_msgs import robot_state_t
 from crux_tools.arguments import taught, whole
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import alone_with, note
@@ -33,7 +34,6 @@ _EXAMPLES = (
     "pkill -9 crux-runtime",
     "crux sim out/plan.mcap -o out/practice.mcap --world tools/worlds/hold-vanishes-four.yaml",
 )
-_IDLE = 0
 
 
 def add_parser(subparsers: Any) -> None:
@@ -73,7 +73,7 @@ class Practice(Loop):
         robot is on the wall is IDLE, too."""
         state = self.nodes.host_state()
         self._climbed = self._climbed or (state != UNKNOWN and state & STATE_MASK == CLIMBING)
-        if not self._climbed and (state == UNKNOWN or state & STATE_MASK == _IDLE):
+        if not self._climbed and (state == UNKNOWN or state & STATE_MASK == robot_state_t.IDLE):
             self.plant.carry()
         return None
 

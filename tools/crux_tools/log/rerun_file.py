@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.channels import SUPERVISOR_STATES
 
 from crux_tools.log.markers import FORCE_SCALE_M_PER_N, FORCES, HOLD_RGBA, OBSTACLE_RGBA, used_colours
 from crux_tools.log.seen import ERROR, INFO, NS, WARN, WORLD, Seen
-from crux_tools.telemetry.summary import STATE_NAMES, name_of
+from crux_tools.telemetry.summary import name_of
 
 if TYPE_CHECKING:  # rerun-sdk is imported where it is asked for: nobody else needs it
     import rerun as rr
@@ -143,7 +144,7 @@ def _moments(recording: rr.RecordingStream, seen: Seen, utc: bool) -> None:
     off = state["body_position_w_m"] - state["body_reference_position_w_m"]
     for axis, letter in enumerate(XYZ):
         send(f"/body/{letter}", rr.Scalars.columns(scalars=off[:, axis]))
-    words = [name_of(STATE_NAMES, int(number)) for number in state["supervisor_state"]]
+    words = [name_of(SUPERVISOR_STATES, int(number)) for number in state["supervisor_state"]]
     send("/state", rr.AnyValues.columns(supervisor_state=words))
 
 

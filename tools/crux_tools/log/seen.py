@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.channels import SUPERVISOR_STATES
 from crux_contracts.robot import Robot
 from crux_contracts.urdf import Joint
 from crux_msgs import acknowledgement_t, command_t
@@ -21,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from crux_tools.errors import UsageError
 from crux_tools.telemetry import Channels, Telemetry
 from crux_tools.telemetry.margins import Grip, measured_grip
-from crux_tools.telemetry.summary import STATE_NAMES, WAIT_NAMES, is_realtime, name_of, runs, summarise
+from crux_tools.telemetry.summary import WAIT_NAMES, is_realtime, name_of, runs, summarise
 from crux_tools.telemetry.wording import fault_line
 
 WORLD = "world"
@@ -176,7 +177,7 @@ def events_of(log: Telemetry, channels: Channels, clock: Clock) -> list[Event]:
         found.append((round(fault.time_s * NS), ERROR, "fault " + fault_line(fault).partition(": ")[2]))
     state = log.state["supervisor_state"].astype(int)
     for first, _ in runs(state)[1:]:
-        before, now = (name_of(STATE_NAMES, int(state[row])) for row in (first - 1, first))
+        before, now = (name_of(SUPERVISOR_STATES, int(state[row])) for row in (first - 1, first))
         found.append((int(times_ns[first]), WARN if now == "FAULT" else INFO, f"{before} → {now}"))
     limb, reason = log.state["waiting_limb"].astype(int), log.state["waiting_for"].astype(int)
     for first, _ in runs((limb + 1) * len(WAIT_NAMES) + reason):

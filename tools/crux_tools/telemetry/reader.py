@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from crux_contracts import LIMB_NAMES
+from crux_contracts import N_LIMBS
 from crux_contracts.channels import BY_TOPIC, shared_topic
 from crux_msgs import truth_verdict_t
 from crux_msgs.tables import MEMBERS
@@ -36,7 +36,6 @@ METADATA = ("crux_tags", "crux", "crux_world")  # what the runtime was told to s
 WORLD = "world.yaml"  # that of a simulation, as its file would have it
 NOTE_METADATA = "crux_note"  # of a user, when the log was written already
 END_METADATA = "crux_end"  # the last thing an orderly end writes; a footer the runtime has at any time
-N_LIMBS = len(LIMB_NAMES)
 # Fields that logs of earlier runtimes do not have, and that nothing here needs.
 ADDED = {
     "/control_input": {"bus_state", "command_value", "late_s"},

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
-from crux_contracts.channels import FAULT_BY_CODE
+from crux_contracts.channels import FAULT_BY_CODE, SUPERVISOR_STATES
+from crux_msgs import robot_state_t
 from crux_msgs.tables import MEMBERS
 
 from crux_tools.telemetry.reader import Telemetry
 
-STATE_NAMES = ("IDLE", "READY", "CLIMBING", "HOLDING", "FAULT")
-CLIMBING = STATE_NAMES.index("CLIMBING")
+CLIMBING = robot_state_t.CLIMBING
 MOTION_NAMES = ("forward", "single step", "in reverse")  # robot_state.motion
 PHASE_NAMES = ("stance", "unload", "open", "lift", "swing", "descend", "close", "load")  # limb_reference.phase
 STANCE, SWING = PHASE_NAMES.index("stance"), PHASE_NAMES.index("swing")
@@ -174,11 +174,11 @@ def _states(log: Telemetry) -> list[StateSpan]:
 
     def name(row: int) -> str:
         way = f", {name_of(MOTION_NAMES, int(motion[row]))}" if motion[row] else ""
-        return name_of(STATE_NAMES, int(state[row])) + way
+        return name_of(SUPERVISOR_STATES, int(state[row])) + way
 
     return [
         StateSpan(name(first), float(time[first]), float(time[end - 1]) + step)
-        for first, end in runs(state.astype(int) + len(STATE_NAMES) * motion)
+        for first, end in runs(state.astype(int) + len(SUPERVISOR_STATES) * motion)
     ]
 
 
@@ -266,7 +266,7 @@ def summarise(log: Telemetry) -> Summary:
         scenario=log.plan.scenario_name if log.plan else None,
         robot=log.plan.robot_name if log.plan else None,
         plan_complete=bool(last["plan_complete"]),
-        final_state=name_of(STATE_NAMES, int(last["supervisor_state"])),
+        final_state=name_of(SUPERVISOR_STATES, int(last["supervisor_state"])),
         plan_time_s=float(last["plan_time_s"]),
         plan_end_s=float(last["plan_end_s"]),
         states=_states(log),

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.channels import SUPERVISOR_STATES
 from crux_contracts.plan_series import PlanSeries
 
-from crux_tools.telemetry.summary import PHASE_NAMES, STATE_NAMES, WAIT_NAMES, name_of
+from crux_tools.telemetry.summary import PHASE_NAMES, WAIT_NAMES, name_of
 from crux_tools.view.recording import Recording
 
 
@@ -44,7 +45,7 @@ def _lines(recording: Recording, row: int) -> list[str]:
     waiting, limb = int(state["waiting_for"]), int(state["waiting_limb"])
     wait = f"waits for {name_of(LIMB_NAMES, limb) if limb >= 0 else 'all limbs'} to {name_of(WAIT_NAMES, waiting)}"
     return [
-        f"{name_of(STATE_NAMES, int(state['supervisor_state']))}, cycle {state['cycle']}, plan time "
+        f"{name_of(SUPERVISOR_STATES, int(state['supervisor_state']))}, cycle {state['cycle']}, plan time "
         f"{state['plan_time_s']:.2f} s" + (f", {wait}" if waiting else ""),
         f"body {error_mm:.1f} mm off its reference",
     ]

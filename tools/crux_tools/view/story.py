@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.channels import SUPERVISOR_STATES
 
 from crux_tools.log.seen import NS, WARN
-from crux_tools.telemetry.summary import CLIMBING, PHASE_NAMES, STATE_NAMES, WAIT_NAMES, name_of, runs
+from crux_tools.telemetry.summary import CLIMBING, PHASE_NAMES, WAIT_NAMES, name_of, runs
 from crux_tools.view.recording import Recording
 
 Lane = dict[str, Any]
@@ -41,7 +42,7 @@ def lanes(recording: Recording) -> list[Lane]:
         0,
     )
     return [
-        _lane("state", "state", time_s, state["supervisor_state"], STATE_NAMES),
+        _lane("state", "state", time_s, state["supervisor_state"], SUPERVISOR_STATES),
         _lane("waits", "wait", time_s, waiting, tuple(waits)),
         *gait,
     ]

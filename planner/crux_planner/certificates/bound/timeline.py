@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from crux_contracts import N_LIMBS
 
 from crux_planner.certificates.bound.grasps import Grasps
 from crux_planner.certificates.bound.swings import quickest_to
@@ -24,9 +25,8 @@ from crux_planner.model.problem import Problem
 Stage = Callable[[int], Array]
 """Cost (n,) of a knot on each node."""
 
-_LIMBS = 4
 _KEPT = 40  # knots between those whose states are remembered, for long walls
-_SUBSETS = np.array([[(mask >> limb) & 1 for limb in range(_LIMBS)] for mask in range(2**_LIMBS)], dtype=bool)
+_SUBSETS = np.array([[(mask >> limb) & 1 for limb in range(N_LIMBS)] for mask in range(2**N_LIMBS)], dtype=bool)
 _LARGE = 250_000  # states, about, beyond which faces are merged: it costs a third of the bound
 
 
@@ -73,7 +73,7 @@ class Timeline:
         many = np.array([len(air) for air in least_air])
         self._ages = np.array([int(air.max(initial=1)) + 1 for air in least_air])  # told apart in the air
         self._radix = np.concatenate([np.cumprod((many + 1)[:0:-1])[::-1], [1]]).astype(np.int64)
-        every = np.where(_SUBSETS, many, options[:, None]).reshape(-1, _LIMBS)
+        every = np.where(_SUBSETS, many, options[:, None]).reshape(-1, N_LIMBS)
         self._codes, found = np.unique(every @ self._radix, return_index=True)
         nodes = every[found]
         self._own = np.searchsorted(self._codes, options @ self._radix)
@@ -89,7 +89,7 @@ class Timeline:
         self._younger = every_state - np.where(age > 1, stride, 0).sum(axis=1)
         self._older = every_state + np.where((age > 0) & (age < self._ages), stride, 0).sum(axis=1)
         self._table, self._by_state = np.zeros(0), np.zeros(0)  # costs by node, given last, and by state
-        self._limbs = [self._of_limb(limb, nodes[:, limb], age) for limb in range(_LIMBS)]
+        self._limbs = [self._of_limb(limb, nodes[:, limb], age) for limb in range(N_LIMBS)]
 
     def _of_limb(self, limb: int, option: Indices, age: Indices) -> _Limb:
         least = self._least_air[limb]

@@ -7,7 +7,7 @@ import itertools
 from dataclasses import replace
 
 import numpy as np
-from crux_contracts import LIMB_NAMES
+from crux_contracts import LIMB_NAMES, N_LIMBS
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
@@ -115,7 +115,7 @@ class Proof:
     def _gap(self, most_turn_rad: float) -> str | None:
         """Where on the straight way to the goal the limb that lacks most reach has nothing in reach; None: nowhere."""
         way = np.linspace(self.problem.start.position_m, self.problem.goal.body.position_m, _WAY_POINTS)
-        gaps = np.array([~self.reach.in_reach(limb, way, most_turn_rad) for limb in range(len(LIMB_NAMES))])
+        gaps = np.array([~self.reach.in_reach(limb, way, most_turn_rad) for limb in range(N_LIMBS)])
         size, begin = gaps.sum(axis=1), gaps.argmax(axis=1)
         if not gaps.any():
             return None
