@@ -11,11 +11,13 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPONENT_OF = {"crux_contracts": "msgs", "crux_msgs": "msgs", "generate": "msgs", "crux_planner": "planner"}
-COMPONENT_OF |= {"crux_tools": "tools", "crux_simulation": "tools"}
+COMPONENT_OF |= {"crux_tools": "tools", "crux_simulation": "tools", "crux_can_kernel": "tools"}
 COMPONENT_OF |= {"crux_nodes": "firmware", "crux_emulated": "firmware"}
 MAY_USE = {"msgs": set(), "planner": {"msgs"}, "runtime": {"msgs"}, "firmware": {"msgs"}, "tools": {"msgs", "planner"}}
 DRAWS = ("robot3d", "report", "view")  # by MuJoCo, which crux-sim brings; nothing else of crux_tools needs them
 SHOWS = {"tools/crux_tools/replay/command.py"}  # opens the viewer where it is installed, once all else is done
+CAN_TABLE = "tools/crux_tools/can/command.py"  # of what `crux can` does: there alone the kernel builder is named
+COMMAND_LINE = {"crux_tools.arguments", "crux_tools.can", "crux_tools.errors", "crux_tools.output"}
 TABLE = "tools/crux_tools/cli.py"  # of commands: there alone the simulation is named by what an operator installs
 PUBLIC = re.compile(r"crux_planner(\.(cli|errors|method_report|checker(\.\w+)*))?")
 LAYERS = ["errors", "model", "solvers", "physics", "swing", "search", "trajectory", "admm", "certificates", "pipeline"]
@@ -63,6 +65,13 @@ def test_what_an_operator_installs_does_without_the_simulation() -> None:
     naming = {path for path in files if "crux_simulation" in path.read_text(encoding="utf-8")}
     assert {str(path.relative_to(ROOT)) for path in naming} == {TABLE}
     assert not [name for path, name in python_imports("tools/crux_tools") if name.startswith("crux_simulation")]
+
+
+def test_what_an_operator_installs_does_without_the_kernel_builder() -> None:
+    naming = {str(path.relative_to(ROOT)) for path, name in python_imports("tools/crux_tools") if "can_kernel" in name}
+    assert naming == {CAN_TABLE}
+    used = {name for _, name in python_imports("tools/crux_can_kernel") if name.startswith("crux_")}
+    assert {name for name in used if not name.startswith("crux_can_kernel")} == COMMAND_LINE
 
 
 def test_what_commands_a_robot_does_without_drawing_it() -> None:

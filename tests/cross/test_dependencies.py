@@ -10,7 +10,13 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("msgs/python/crux_contracts", "planner/crux_planner", "tools/crux_tools", "tools/crux_simulation")
+PACKAGES = (
+    "msgs/python/crux_contracts",
+    "planner/crux_planner",
+    "tools/crux_can_kernel",
+    "tools/crux_simulation",
+    "tools/crux_tools",
+)
 OPTIONAL = {"pandas", "rerun"}  # used where a user has them; crux says so where not
 
 

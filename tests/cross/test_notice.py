@@ -19,7 +19,7 @@ PROGRAMS = ("runtime/app/crux-runtime", "runtime/app/crux-recompute", "firmware/
 INSTALLED = ("operator.lock", "simulation.lock", "campaign.lock", "development.lock", "uv.lock.txt")
 LOADED = """
 import importlib, pathlib, pkgutil
-for name in ("crux_contracts", "crux_planner", "crux_tools", "crux_simulation"):
+for name in ("crux_contracts", "crux_planner", "crux_can_kernel", "crux_tools", "crux_simulation"):
     for module in pkgutil.walk_packages(importlib.import_module(name).__path__, name + "."):
         importlib.import_module(module.name)
 import casadi, matplotlib.pyplot, mujoco, trimesh, websockets

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from crux_can_kernel.native import available
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_msgs import command_t, plan_t, truth_verdict_t
-from crux_tools.can.native import available
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.operator_link import OperatorLink
 from crux_tools.output import note

@@ -1,1 +1,3 @@
-"""CAN interfaces of this machine: set up, checked, or, where the kernel has none, in a kernel of our own."""
+"""CAN interfaces of this machine, and the nodes on their buses: their parameters and their firmware."""
+
+CANFD_MTU = 72  # of an interface that carries CAN FD: the bytes of struct canfd_frame

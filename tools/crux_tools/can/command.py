@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from crux_can_kernel.run_command import add_kernel, add_run
+
 from crux_tools.arguments import taught
 from crux_tools.can.param_command import add_param
-from crux_tools.can.run_command import add_kernel, add_run
 from crux_tools.can.setup_command import add_check, add_up
 from crux_tools.can.update_command import add_sign, add_update
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from crux_contracts.robot import Robot
 
-from crux_tools.can.job import CANFD_MTU
+from crux_tools.can import CANFD_MTU
 from crux_tools.errors import WorkFailed
 
 SAMPLE_POINT = 0.8  # of a bit, both rates; the nodes' own (firmware/ports/stm32g474/fdcan.c)

@@ -20,8 +20,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
 
-from crux_tools.can.job import NO_KERNEL, TIMED_OUT, Job, NoKernel, interface_script
 from crux_tools.output import note
+
+from crux_can_kernel.job import NO_KERNEL, TIMED_OUT, Job, NoKernel, interface_script
 
 POLL_S = 0.02
 CONSOLE_SHOWN = 2000  # characters of a guest that did not start

@@ -10,8 +10,9 @@ import socket
 import subprocess
 from pathlib import Path
 
-from crux_tools.can.job import TIMED_OUT, Job, NoKernel, interface_script
 from crux_tools.output import note
+
+from crux_can_kernel.job import TIMED_OUT, Job, NoKernel, interface_script
 
 
 def available() -> bool:

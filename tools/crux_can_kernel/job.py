@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from crux_tools.can import CANFD_MTU
+
 DEFAULT_TIMEOUT_S = 600.0
 DEFAULT_INTERFACE = "vcan0"
 TIMED_OUT, NO_KERNEL = 124, 125  # exit statuses, as of timeout(1) and of container runners
-CANFD_MTU = 72
 QUEUE_FRAMES = 1000  # of a virtual interface: many cycles, so that a burst never blocks
 
 

@@ -6,9 +6,9 @@ import os
 import shutil
 from pathlib import Path
 
-from crux_tools.can.guest import run_guest, write_guest_files
-from crux_tools.can.job import Job
-from crux_tools.can.uml_kernel import kernel
+from crux_can_kernel.guest import run_guest, write_guest_files
+from crux_can_kernel.job import Job
+from crux_can_kernel.uml_kernel import kernel
 
 BOOT_S = 120.0  # on a busy machine
 EPOCH_NS = 1_577_836_800_000_000_000  # virtual time begins on 2020-01-01: later than any sane check, always the same

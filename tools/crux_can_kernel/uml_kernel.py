@@ -18,8 +18,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from crux_tools.can.job import NoKernel
 from crux_tools.output import note, progress
+
+from crux_can_kernel.job import NoKernel
 
 SOURCE_PACKAGE = "linux-source-6.1"
 SOURCE = Path(f"/usr/src/{SOURCE_PACKAGE}.tar.xz")

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from typing import Any
 
 from crux_tools.arguments import positive, taught, whole
-from crux_tools.can.job import DEFAULT_INTERFACE, DEFAULT_TIMEOUT_S, NO_KERNEL, Job, NoKernel
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import add_json_option, note, print_json
+
+from crux_can_kernel.job import DEFAULT_INTERFACE, DEFAULT_TIMEOUT_S, NO_KERNEL, Job, NoKernel
 
 BACKENDS = ("native", "uml", "qemu")
 VIRTUAL_TIME_BACKEND = "uml"
@@ -110,13 +111,13 @@ def _job(options: argparse.Namespace) -> Job:
 
 
 def _runners() -> dict[str, Callable[..., int]]:
-    from crux_tools.can import native, qemu, uml
+    from crux_can_kernel import native, qemu, uml
 
     return {"native": native.run, "uml": uml.run, "qemu": qemu.run}
 
 
 def _order(options: argparse.Namespace) -> list[str]:
-    from crux_tools.can import native
+    from crux_can_kernel import native
 
     if options.backend != "auto":
         return [options.backend]
@@ -127,7 +128,7 @@ def _order(options: argparse.Namespace) -> list[str]:
 
 def run(options: argparse.Namespace) -> int:
     """The command's exit status, 124 or 125."""
-    from crux_tools.can.guest import state_folder
+    from crux_can_kernel.guest import state_folder
 
     job, runners = _job(options), _runners()
     for name in _order(options):
@@ -145,7 +146,7 @@ def run(options: argparse.Namespace) -> int:
 
 def run_kernel(options: argparse.Namespace) -> int:
     """Exit status 0 when the kernel is there."""
-    from crux_tools.can.uml_kernel import kernel
+    from crux_can_kernel.uml_kernel import kernel
 
     try:
         path = kernel()

@@ -12,9 +12,9 @@ import stat
 import tempfile
 from pathlib import Path
 
-from crux_tools.can.debian_kernel import debian_kernel, load_order, module_bytes
-from crux_tools.can.guest import run_guest, write_guest_files
-from crux_tools.can.job import Job, NoKernel
+from crux_can_kernel.debian_kernel import debian_kernel, load_order, module_bytes
+from crux_can_kernel.guest import run_guest, write_guest_files
+from crux_can_kernel.job import Job, NoKernel
 
 EMULATOR = "qemu-system-x86_64"
 BOOT_S = {"kvm": 60.0, "tcg": 240.0}

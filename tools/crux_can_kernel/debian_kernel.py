@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from crux_tools.can.job import NoKernel
-from crux_tools.can.uml_kernel import cache
+from crux_can_kernel.job import NoKernel
+from crux_can_kernel.uml_kernel import cache
 
 META_PACKAGE = "linux-image-amd64"
 
