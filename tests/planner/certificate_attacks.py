@@ -166,8 +166,8 @@ class Attack:
         if moved is not None:
             problem = replace(problem, contacts=_elsewhere(problem, self.read, moved))
         oracles = Oracles.of(problem, TorqueLimits(problem, problem.friction_share))
-        climb = Climb(**vars(self._session), **vars(oracles))
-        moves, _ = search(climb, at_once=1, greed=1.0, deadline=climb.deadline, most=STANCES)
+        climb = Climb(self._session, oracles)
+        moves, _ = search(oracles, at_once=1, greed=1.0, deadline=climb.session.deadline, most=STANCES)
         return None if moves is None else _scheduled(climb, moves)
 
     def again(self, steps: int, read: Scenario, moved: np.random.Generator | None) -> None:
@@ -186,7 +186,7 @@ class Attack:
         functions = StageFunctions(problem)
         for longer in _longer(steps, schedule, start, climb.problem.dt_s):
             for tried in (problem, problem.aimed()):
-                solution = solve_within_torques(tried, *longer, climb.deadline, functions)
+                solution = solve_within_torques(tried, *longer, climb.session.deadline, functions)
                 if solution.solved:
                     self.offer(plan_message(self.read, ROBOT, tried, longer[0], solution))
 
@@ -220,9 +220,9 @@ def _elsewhere(problem: Problem, read: Scenario, random: np.random.Generator) ->
 
 
 def _scheduled(climb: Climb, moves: list[Move]) -> tuple[Climb, Schedule, Start] | None:
-    climb = replace(climb, problem=replace(climb.problem, steps=1))
+    climb = climb.of(replace(climb.problem, steps=1))
     timed, schedule = in_time(climb, moves)
-    aimed, path = path_to_goal(timed.problem, climb.equilibrium, schedule)
+    aimed, path = path_to_goal(timed.problem, climb.oracles.equilibrium, schedule)
     if path is None:
         return None
     return timed, schedule, start_from_path(aimed, path, schedule.yaw_rad)

@@ -11,27 +11,26 @@ from crux_planner.pipeline.session import Session
 from crux_planner.solvers import clock
 
 State = TypeVar("State")
-Planned = TypeVar("Planned", bound=Session)
 Way = TypeVar("Way")
 
 
 def without_waits(
-    session: Planned,
+    session: Session,
     way: Way,
-    shorter: Sequence[tuple[Planned, Way]],
-    finish: Callable[[Planned, Way], PlanResult | InfeasibleError],
+    shorter: Sequence[Way],
+    finish: Callable[[Way], PlanResult | InfeasibleError],
 ) -> PlanResult | InfeasibleError:
-    """What `finish` makes of the first of the `shorter` ways that works, each with a session for so many steps; of the
-    way with its waits where none does or they are wanted.
+    """What `finish` makes of the first of the `shorter` ways that works; of the way with its waits where none does or
+    they are wanted.
     """
     found = None
-    for fewer, moving in shorter if session.scenario.planner.idle != "keep" else ():
-        found = finish(fewer, moving)
+    for moving in shorter if session.scenario.planner.idle != "keep" else ():
+        found = finish(moving)
         if isinstance(found, PlanResult):
             return found
     if found is not None:
         session.work.log(f"refused without its waits: {found}")
-    return finish(session, way)
+    return finish(way)
 
 
 def attempts(

@@ -54,7 +54,7 @@ Planned = Callable[[Climb], bool]
 
 def cause(climb: Climb, none: InfeasibleError, planned: Planned) -> InfeasibleError:
     """What to say instead of `none`, or the same with what would help; where nothing that is tried does, that."""
-    if climb.late:
+    if climb.session.late:
         return none
     with climb.work.part("reason", 0.95):
         if not none.proven and (steps := _enough_steps(climb)) is not None:
@@ -63,14 +63,15 @@ def cause(climb: Climb, none: InfeasibleError, planned: Planned) -> InfeasibleEr
             return HorizonError(f"{text}; allow as many", steps, tried=True)
         if none.constraint == TIME_LIMIT or none.undecided or isinstance(none, HorizonError):
             return none
-        climb = replace(climb, equilibrium=TorqueLimits(climb.problem, climb.problem.friction_share))
+        balance = TorqueLimits(climb.problem, climb.problem.friction_share)
+        climb = replace(climb, oracles=replace(climb.oracles, equilibrium=balance))
         way = _way(climb) is not None  # then what fails comes after the search
         with tempfile.TemporaryDirectory(prefix="crux-") as folder:
             for relaxation in relaxations(climb, none.constraint, Path(folder)):
                 found = (_with_plan if way else _least)(climb, relaxation, planned)
                 if found is not None:
                     return _explained(climb, none, found)
-    if none.proven or way or climb.late:
+    if none.proven or way or climb.session.late:
         return none
     tried = "nor a way with one thing made easier: obstacles, grippers, friction, motors, reach"
     return InfeasibleError("contacts", f"no sequence of contacts found to the goal, {tried}; the search ended: {none}")
@@ -97,9 +98,9 @@ def _enough_steps(climb: Climb) -> int | None:
 
 
 def _gives_plan(climb: Climb, way: RefusedWay, steps: int) -> bool:
-    if climb.late or not climb.problem.steps < steps <= MAX_STEPS:
+    if climb.session.late or not climb.problem.steps < steps <= MAX_STEPS:
         return False
-    return isinstance(way.again(steps, climb.deadline), PlanResult)
+    return isinstance(way.again(steps, climb.session.deadline), PlanResult)
 
 
 def _least(climb: Climb, relaxation: Relaxation, planned: Planned) -> _Found | None:
@@ -107,7 +108,7 @@ def _least(climb: Climb, relaxation: Relaxation, planned: Planned) -> _Found | N
 
     def tried(count: int) -> list[Move] | None:
         try:
-            return None if climb.late else _way(relaxation.climb(climb, count))
+            return None if climb.session.late else _way(relaxation.climb(climb, count))
         except (ScenarioError, InfeasibleError):
             return None
 
@@ -128,7 +129,7 @@ def _with_plan(climb: Climb, relaxation: Relaxation, planned: Planned, least: in
     """The least that gives a plan, of some few from `least` on."""
     counts = {min(least + more, relaxation.most) for more in BEYOND} - {0}
     for count in sorted(counts) if relaxation.whole else ():
-        if climb.late:
+        if climb.session.late:
             return None
         try:
             if planned(relaxation.climb(climb, count)):
@@ -141,11 +142,11 @@ def _with_plan(climb: Climb, relaxation: Relaxation, planned: Planned, least: in
 def _way(climb: Climb) -> list[Move] | None:
     """Moves of a level body, one limb at a time, to the goal, for which there is a body path in time."""
     problem = climb.problem
-    moves, _ = search(climb, at_once=1, greed=GREED, deadline=climb.deadline, most=STANCES)
+    moves, _ = search(climb.oracles, at_once=1, greed=GREED, deadline=climb.session.deadline, most=STANCES)
     if moves is None:
         return None
     try:
-        path = path_to_goal(problem, climb.equilibrium, evenly(climb, moves))[1]
+        path = path_to_goal(problem, climb.oracles.equilibrium, evenly(climb, moves))[1]
     except HorizonError:
         return None
     return None if path is None else moves
@@ -168,7 +169,7 @@ def _place(climb: Climb, found: _Found, way: list[Move]) -> str | None:
     """The first move of a way that the problem as it is does not have."""
     problem = climb.problem
     balance = TorqueLimits(problem, problem.friction_share)
-    for limb, reached in enumerate(goal_contacts(problem, climb.reachable)):
+    for limb, reached in enumerate(goal_contacts(problem, climb.oracles.reachable)):
         if not reached:
             return f"with {LIMB_NAMES[limb]} at the goal"
     for move in way:
@@ -176,8 +177,8 @@ def _place(climb: Climb, found: _Found, way: list[Move]) -> str | None:
         ends = ((LIMB_NAMES[limb], problem.contacts[move.after[limb]].hold) for limb in move.limbs)
         gone = [f"{name} goes to {problem.hold_names[hold]}" for name, hold in ends]
         where = f"where {' and '.join(gone)}"
-        bounds = [climb.reachable.of(stance) for stance in (move.before, move.after)]
-        if None in bounds or not climb.swings.free(swings, move.support):
+        bounds = [climb.oracles.reachable.of(stance) for stance in (move.before, move.after)]
+        if None in bounds or not climb.oracles.swings.free(swings, move.support):
             return where
         for each, stance in zip(bounds, (move.before, move.after), strict=True):
             assert each is not None
@@ -201,6 +202,6 @@ def _weak(climb: Climb, found: _Found, query: Query) -> str:
         fewer[joint] = 1.0
         if balance.within(fewer * balance.limits_Nm).position(*query) is not None:
             stronger = fewer
-    weak = [climb.robot.limbs[limb].joints[joint] for limb, joint in np.argwhere(stronger > 1.0)]
+    weak = [climb.session.robot.limbs[limb].joints[joint] for limb, joint in np.argwhere(stronger > 1.0)]
     would = (f"{joint.name} would need {factor * joint.effort:.2f} N m, it has {joint.effort:g}" for joint in weak)
     return "; ".join(would)

@@ -50,18 +50,18 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
         problem = build_problem(scenario, session.robot)
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
         check_start(scenario, problem, equilibrium)
-        climb = Climb(**vars(session), **vars(Oracles.of(problem, equilibrium)))
-    searching = replace(climb, deadline=climb.share_of_time(1.0 - REASON_SHARE))
+        climb = Climb(session, Oracles.of(problem, equilibrium))
+    searching = replace(climb, session=replace(session, deadline=session.share_of_time(1.0 - REASON_SHARE)))
     work.bound = ClimbBoundWorker(worker, problem, prove_s)
     try:
-        if climb.method != "auto":
+        if session.method != "auto":
             return _plan_by_method(climb)
         return _plan_anyhow(searching)
     except InfeasibleError as none:
         work.bound = None
         worker.stop()  # what it bounds is of no use any more
-        late = work.cut_short or searching.late
-        reason = _cause(climb, none) if climb.method == "auto" else none
+        late = work.cut_short or searching.session.late
+        reason = _cause(climb, none) if session.method == "auto" else none
         raise reason.out_of_time() if late and not isinstance(reason, HorizonError) else reason from None
 
 
@@ -71,14 +71,14 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     """
     work = climb.work
     try:
-        return _plan_near_or_far(climb, climb.share_of_time(LEVEL_SHARE))
+        return _plan_near_or_far(climb, climb.session.share_of_time(LEVEL_SHARE))
     except InfeasibleError as none_near:
         none_level = none_near
     proof = disproved(climb, none_level)
     climb = farther(climb)
     if none_level.constraint != TIME_LIMIT:  # a search that takes long in the boxes takes longer beyond them
         try:
-            return _plan_level(climb, True, climb.share_of_time(LEVEL_SHARE))
+            return _plan_level(climb, True, climb.session.share_of_time(LEVEL_SHARE))
         except InfeasibleError as none_quick:
             none_level = none_quick
     bound, work.bound = work.bound, None  # it is about fewer grasps than what follows
@@ -89,10 +89,10 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     try:
         return plan_wider(climb, none_level, proof, further=True)
     except InfeasibleError as none_wider:
-        if none_wider.proven or climb.late:
+        if none_wider.proven or climb.session.late:
             raise
         work.bound = bound
-        return _plan_level(climb, False, climb.share_of_time(LEVEL_SHARE))
+        return _plan_level(climb, False, climb.session.share_of_time(LEVEL_SHARE))
     finally:
         if bound is not None and work.bound is None:
             bound.stop()
@@ -102,14 +102,14 @@ def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
     """Why there is no plan; no want of reach where joint limits let a level body stand at the goal."""
     reason = cause(farther(climb), none, _level_has_plan)
     wants_reach = reason.constraint == "reach" and not reason.proven
-    stance = level_stance_at_goal(climb.problem, climb.robot) if wants_reach else None
+    stance = level_stance_at_goal(climb.problem, climb.session.robot) if wants_reach else None
     return reason if stance is None else no_way_to(climb.problem, stance, reason)
 
 
 def _level_has_plan(climb: Climb) -> bool:
     """Whether a plan is found for a level body."""
     try:
-        _plan_level(climb, True, climb.deadline)
+        _plan_level(climb, True, climb.session.deadline)
     except InfeasibleError:
         return False
     return True
@@ -127,12 +127,12 @@ def _plan_near_or_far(climb: Climb, until: float) -> PlanResult:
         if alone is not None and isinstance(found := solve_and_check(far, alone), PlanResult):
             return _with_gap(climb, found)
     plan = _plan_level(climb, True, until, begun)
-    if len(plan.gait) > MOST_MOVES or climb.late:
+    if len(plan.gait) > MOST_MOVES or climb.session.late:
         return plan
     moves, _ = _searched(far, until, (begun[1].expanded, 0.0))  # a quicker one is found sooner
     if moves is None or _steps(moves) == _steps(begun[0] or []) or least_steps(far, moves) >= plan.steps:
         return plan
-    unbounded = replace(far, work=replace(climb.work, bound=None))
+    unbounded = replace(far, session=replace(far.session, work=replace(climb.work, bound=None)))
     found = solve_and_check(unbounded, moves)
     if not isinstance(found, PlanResult) or found.cost >= plan.cost:
         return plan
@@ -147,7 +147,7 @@ def _steps(moves: list[Move]) -> list[tuple[tuple[int, ...], Stance]]:
 
 def _searched(climb: Climb, until: float, most: tuple[float, float], at_once: int = 1, greed: float = 1.0) -> Found:
     with climb.work.part("contacts", 0.1):
-        return search(climb, at_once=at_once, greed=greed, deadline=until, most=most)
+        return search(climb.oracles, at_once=at_once, greed=greed, deadline=until, most=most)
 
 
 def _plan_level(climb: Climb, quick: bool, until: float, begun: Found | None = None) -> PlanResult:
@@ -169,14 +169,14 @@ def _plan_level(climb: Climb, quick: bool, until: float, begun: Found | None = N
             begun = None
             if moves is not None:
                 return solve_and_check(climb, moves)
-            failures.append(explain(climb, seen, at_once))
+            failures.append(explain(climb.oracles, seen, at_once))
             return None
 
         climb = _within_torques(climb, climb.problem.friction_share)
         result, climb = attempts(climb, attempt, (tighter, without_blamed), failures, most=ATTEMPTS, until=until)
         if result is not None:
             return _with_gap(climb, result)
-        climb.swings.allow_all()
+        climb.oracles.swings.allow_all()
     raise failures[0]
 
 
@@ -195,7 +195,8 @@ def _tighter(given: Climb) -> Callable[[Climb, InfeasibleError], Climb | None]:
 def _within_torques(climb: Climb, friction_share: float) -> Climb:
     """The climb with a share of the limit surface, and balance within joint torques."""
     problem = replace(climb.problem, friction_share=friction_share)
-    return replace(climb, problem=problem, equilibrium=TorqueLimits(problem, friction_share))
+    equilibrium = TorqueLimits(problem, friction_share)
+    return replace(climb, oracles=replace(climb.oracles, problem=problem, equilibrium=equilibrium))
 
 
 def _plan_by_method(climb: Climb) -> PlanResult:
@@ -203,21 +204,22 @@ def _plan_by_method(climb: Climb) -> PlanResult:
     from crux_planner.admm.methods import METHODS, Task
     from crux_planner.admm.windows import Windows
 
-    work = climb.work
+    session, work = climb.session, climb.work
     failures: list[InfeasibleError] = []
     aimed = climb.problem.aimed()
-    if all(goal_contacts(climb.problem, climb.reachable, aimed.goal.aim_m)):
-        climb = replace(climb, problem=aimed)
+    if all(goal_contacts(climb.problem, climb.oracles.reachable, aimed.goal.aim_m)):
+        climb = climb.of(aimed)
 
     def attempt(climb: Climb) -> PlanResult | InfeasibleError:
         problem = climb.problem
         with work.part("contacts", 0.1):
-            windows = Windows(problem, climb.reachable, climb.swings)
-            decided = METHODS[climb.method](Task(windows, **method_settings(climb)))
+            windows = Windows(problem, climb.oracles.reachable, climb.oracles.swings)
+            decided = METHODS[session.method](Task(windows, **method_settings(session)))
         knots = decided.knots
-        reached = plan_message(climb.scenario, climb.robot, problem, knots.schedule, knots.solution, climb.method)
+        scenario, robot = session.scenario, session.robot
+        reached = plan_message(scenario, robot, problem, knots.schedule, knots.solution, session.method)
         with work.part("check", 0.4):
-            reached_report = check_plan(reached, climb.robot)
+            reached_report = check_plan(reached, robot)
         found = finish(climb, knots.schedule, knots.start())
         if isinstance(found, PlanResult):
             _with_gap(climb, found).found_by(decided, reached_report)
@@ -226,7 +228,7 @@ def _plan_by_method(climb: Climb) -> PlanResult:
         return found
 
     remedies = (_tighter(climb), without_blamed)
-    result, _ = attempts(climb, attempt, remedies, failures, most=ATTEMPTS, until=climb.deadline)
+    result, _ = attempts(climb, attempt, remedies, failures, most=ATTEMPTS, until=session.deadline)
     if result is None:
         raise failures[0]
     return result

@@ -45,17 +45,17 @@ LOOKS, LOOKS_PER_S = 24_000, 400.0  # at moves by searches that choose headings,
 def farther(climb: Climb) -> Climb:
     """The same with all of the limbs' inner reach."""
     problem = climb.problem.farther()
-    return replace(climb, problem=problem, reachable=ReachableSet(problem))
+    return replace(climb, oracles=replace(climb.oracles, problem=problem, reachable=ReachableSet(problem)))
 
 
 def disproved(climb: Climb, none_near: InfeasibleError) -> Proof:
     """What can be shown about the climb, where nothing quick shows that it has no plan; else raises InfeasibleError."""
-    proof = Proof(climb.scenario, climb.robot, climb.problem)
+    proof = Proof(climb.session.scenario, climb.session.robot, climb.problem)
     with climb.work.part("proof", 0.1):
-        impossible = proof.quick() or proof.goal_equilibrium(GOAL_PROOF, climb.deadline)
+        impossible = proof.quick() or proof.goal_equilibrium(GOAL_PROOF, climb.session.deadline)
         if impossible is not None:
             raise impossible
-        impossible = proof.disconnected(FIRST_PROOF, climb.deadline)
+        impossible = proof.disconnected(FIRST_PROOF, climb.session.deadline)
     if impossible is not None:
         raise _explained(proof.instead_of(none_near), impossible)
     return proof
@@ -80,13 +80,13 @@ def plan_wider(climb: Climb, none_level: InfeasibleError, proof: Proof, further:
     if further:
         raise none_level
     with work.part("proof", 0.9):
-        impossible = proof.disconnected(LAST_PROOF, climb.deadline)
+        impossible = proof.disconnected(LAST_PROOF, climb.session.deadline)
     raise none_level if impossible is None else _explained(none_level, impossible)
 
 
 def looks(climb: Climb) -> int:
     """At moves that searches which choose headings may take: counted, so that a plan depends on no clock."""
-    return max(LOOKS, int(LOOKS_PER_S * climb.limit_s))
+    return max(LOOKS, int(LOOKS_PER_S * climb.session.limit_s))
 
 
 def plan_turning(
@@ -98,13 +98,13 @@ def plan_turning(
     for aim, (off_centre, tilt_m, passing_m) in [(0, LEVELS[0]), *itertools.product(range(AIMS), LEVELS[1:])]:
         if aim > 0 and aims[off_centre, aim - 1] is None:
             break
-        if climb.late:
+        if climb.session.late:
             work.cut_short = True
             break
         if (off_centre, aim) not in aims:
             tried = [pose[1] for (off, _), pose in aims.items() if pose is not None and off == off_centre]
             with work.part("problem", 0.1):
-                wider = build_problem(climb.scenario, climb.robot, off_centre=off_centre, reach=reach)
+                wider = build_problem(climb.session.scenario, climb.session.robot, off_centre=off_centre, reach=reach)
                 aims[off_centre, aim] = aimed(replace(wider, boxes=reach.inner), tried)
         found = aims[off_centre, aim]
         if found is None:
@@ -134,18 +134,18 @@ def _plan_aimed(
 
     def attempt(climb: Climb) -> PlanResult | InfeasibleError | None:
         nonlocal left
-        if left <= 0 or climb.late:
+        if left <= 0 or climb.session.late:
             work.cut_short = True
             return None
         with work.part("headings", 0.2):
-            headings = HeadingSearch(climb.problem, climb.reachable, climb.swings, ends)
-            moves, seen = headings.search(greed=GREED, deadline=climb.deadline, most=left)
+            headings = HeadingSearch(climb.problem, climb.oracles.reachable, climb.oracles.swings, ends)
+            moves, seen = headings.search(greed=GREED, deadline=climb.session.deadline, most=left)
         left -= seen.looked
         work.cut_short |= seen.timed_out
         if moves is None:
             return None
         equilibrium = StaticEquilibrium(climb.problem, climb.problem.friction_share)
-        found = solve_and_check(replace(climb, equilibrium=equilibrium), moves)
+        found = solve_and_check(replace(climb, oracles=replace(climb.oracles, equilibrium=equilibrium)), moves)
         if isinstance(found, InfeasibleError):
             work.log(f"refused: {found}")
         return found
@@ -155,9 +155,9 @@ def _plan_aimed(
             return None
         share, speed = gentler.pop(0)
         body = replace(given.body, max_speed_m_s=speed * given.body.max_speed_m_s)
-        return replace(climb, problem=replace(given, friction_share=share * given.friction_share, body=body))
+        return climb.of(replace(given, friction_share=share * given.friction_share, body=body))
 
-    wide = replace(climb, **vars(Oracles.of(problem, climb.equilibrium)))
+    wide = replace(climb, oracles=Oracles.of(problem, climb.oracles.equilibrium))
     return attempts(wide, attempt, (gentle, without_blamed), [], most=ATTEMPTS)[0], looks - left
 
 
@@ -165,5 +165,5 @@ def without_blamed(climb: Climb, failure: InfeasibleError) -> Climb | None:
     """A remedy: the move that is to blame goes another way from now on, or none."""
     if failure.blamed is None:
         return None
-    climb.swings.forbid(*failure.blamed)
+    climb.oracles.swings.forbid(*failure.blamed)
     return climb

@@ -57,7 +57,7 @@ class Relaxation:
 
 def relaxations(climb: Climb, constraint: str, folder: Path) -> list[Relaxation]:
     """In order of likelihood; what a failure names comes first. Other robots' files go to `folder`."""
-    return sorted(_all(climb.scenario, folder), key=lambda each: not each.is_about(constraint))
+    return sorted(_all(climb.session.scenario, folder), key=lambda each: not each.is_about(constraint))
 
 
 def _all(scenario: Scenario, folder: Path) -> Iterator[Relaxation]:
@@ -77,10 +77,11 @@ def _smaller(name: str, climb: Climb, share: float) -> Climb:
             if obstacle["name"] == name:
                 obstacle["size_m"] = [max(SIZE_M[0], share * float(edge)) for edge in obstacle["size_m"]]
 
-    scenario = edited(climb.scenario, shrink)
-    problem = build_problem(scenario, climb.robot, reach=climb.problem.limb_reach)
+    scenario = edited(climb.session.scenario, shrink)
+    problem = build_problem(scenario, climb.session.robot, reach=climb.problem.limb_reach)
     problem = replace(problem, boxes=climb.problem.boxes)
-    return replace(climb, scenario=scenario, **vars(Oracles.of(problem, _balance(problem))))
+    session = replace(climb.session, scenario=scenario)
+    return Climb(session, Oracles.of(problem, _balance(problem)))
 
 
 def _smaller_text(name: str, share: float) -> str:
@@ -89,21 +90,23 @@ def _smaller_text(name: str, share: float) -> str:
 
 def _rougher(climb: Climb, factor: float) -> Climb:
     def roughen(content: dict[str, Any]) -> None:
-        for hold, read in zip(content["holds"], climb.scenario.holds, strict=True):
+        for hold, read in zip(content["holds"], climb.session.scenario.holds, strict=True):
             more = [min(MAX_FRICTION, factor * each) for each in read.friction]
             hold["friction"] = dict(zip(FACE_NAMES, more, strict=True))
 
     rough = [replace(c, friction=np.minimum(factor * c.friction, MAX_FRICTION)) for c in climb.problem.contacts]
     problem = replace(climb.problem, contacts=rough)
-    return replace(climb, scenario=edited(climb.scenario, roughen), problem=problem, equilibrium=_balance(problem))
+    session = replace(climb.session, scenario=edited(climb.session.scenario, roughen))
+    return Climb(session, replace(climb.oracles, problem=problem, equilibrium=_balance(problem)))
 
 
 def _stronger(folder: Path, climb: Climb, factor: float) -> Climb:
     given = climb.problem
     limits_Nm, last_Nm = factor * given.torque_limits_Nm, factor * given.last_torques_Nm
     problem = replace(given, torque_limits_Nm=limits_Nm, last_torques_Nm=last_Nm)
-    robot = _with_motors(climb.robot, factor, folder / f"{factor:g}.urdf")
-    return replace(climb, robot=robot, problem=problem, equilibrium=_balance(problem))
+    robot = _with_motors(climb.session.robot, factor, folder / f"{factor:g}.urdf")
+    oracles = replace(climb.oracles, problem=problem, equilibrium=_balance(problem))
+    return Climb(replace(climb.session, robot=robot), oracles)
 
 
 def _with_motors(robot: Robot, factor: float, path: Path) -> Robot:
@@ -128,7 +131,7 @@ def _thinner(climb: Climb, amount_m: float) -> Climb:
     clearance_m, body_m = swing.clearance_m - amount_m, swing.body_clearance_m - 2 * amount_m
     swing = replace(swing, clearance_m=clearance_m, body_clearance_m=body_m)
     problem = replace(climb.problem, swing=swing)
-    return replace(climb, problem=problem, swings=SwingCache(problem))
+    return replace(climb, oracles=replace(climb.oracles, problem=problem, swings=SwingCache(problem)))
 
 
 def _thinner_text(amount_m: float) -> str:
@@ -139,7 +142,9 @@ def _further(climb: Climb, amount_m: float) -> Climb:
     boxes = climb.problem.boxes
     extent_m = boxes.extent_m + amount_m * np.hypot(*boxes.directions[:, :2].T)
     problem = replace(climb.problem, boxes=replace(boxes, extent_m=extent_m))
-    return replace(climb, problem=problem, reachable=ReachableSet(problem), equilibrium=_balance(problem))
+    reachable, balance = ReachableSet(problem), _balance(problem)
+    oracles = replace(climb.oracles, problem=problem, reachable=reachable, equilibrium=balance)
+    return replace(climb, oracles=oracles)
 
 
 def _further_text(amount_m: float) -> str:

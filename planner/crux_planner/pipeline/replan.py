@@ -82,11 +82,11 @@ class Planner:
                 check_body(scenario, problem.body, problem.start, problem.goal.body)
             remaining = read_remaining(problem, running, first)
         session = Session(scenario, self.robot, work, deadline, time_limit_s, "auto")
-        climb = Climb(**vars(session), **vars(replace(self.oracles, problem=problem)))
+        climb = Climb(session, replace(self.oracles, problem=problem))
         result = None
         if remaining is not None and remaining.open_to(problem):
             begun = remaining.begun_at_rest(problem)  # the running plan's own moves
-            timed = replace(climb, problem=replace(problem, steps=begun.steps))
+            timed = climb.of(replace(problem, steps=begun.steps))
             result = self._finish(timed, begun.schedule, begun.start)
         most = max(problem.steps, self.scenario.horizon.steps - first)
         result = result or self._anew(climb, most, remaining) or self._turning(climb, most)
@@ -107,32 +107,32 @@ class Planner:
         """
         work = Work(lambda _what, _share: None, log or (lambda _line: None))
         session = Session(self.scenario, self.robot, work, clock.now() + time_limit_s, time_limit_s, method)
-        shortest = replace(self.oracles, problem=replace(self.problem, steps=1))
-        climb = Climb(**vars(session), **vars(shortest))
+        climb = Climb(session, self.oracles).of(replace(self.problem, steps=1))
         most, failures = self.scenario.horizon.steps, list[InfeasibleError]()
 
         def level(stances: tuple[float, float]) -> PlanResult | None:
             def attempt(climb: Climb) -> PlanResult | InfeasibleError | None:
                 return self._anew(climb, most, None, stances) or self._refused
 
-            found, _ = attempts(climb, attempt, (without_blamed,), failures, most=ATTEMPTS, until=climb.deadline)
-            climb.swings.allow_all()
+            until = session.deadline
+            found, _ = attempts(climb, attempt, (without_blamed,), failures, most=ATTEMPTS, until=until)
+            climb.oracles.swings.allow_all()
             return found
 
         result = level(FIRST_LOOK)
         cut_short = self._seen.timed_out
         result = result or self._turning(climb, most)
-        if result is None and cut_short and not climb.late:
+        if result is None and cut_short and not climb.session.late:
             result = level(ANY)
         if result is None:
-            failure = failures[0] if failures else explain(climb, self._seen, 1)
-            raise failure.out_of_time() if climb.late else failure
+            failure = failures[0] if failures else explain(climb.oracles, self._seen, 1)
+            raise failure.out_of_time() if climb.session.late else failure
         result.seconds, result.computed_s = work.took_s()
         return result
 
     def _turning(self, climb: Climb, most: int) -> PlanResult | None:
         """With other headings and grasps, in up to `most` steps."""
-        turning = replace(climb, scenario=rewritten(climb.scenario, steps=most), problem=self.problem)
+        turning = _for(climb, rewritten(climb.session.scenario, steps=most)).of(self.problem)
         least = climb.problem.steps
 
         def solve(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleError:
@@ -151,13 +151,14 @@ class Planner:
         known = None if remaining is None else remaining.known(climb.problem)
         self._refused = None
         with climb.work.part("contacts", 0.1):
-            longer = replace(climb, problem=replace(climb.problem, steps=most))
-            moves, self._seen = search(longer, at_once=1, greed=1.0, deadline=climb.deadline, most=stances, known=known)
+            longer, until = climb.of(replace(climb.problem, steps=most)), climb.session.deadline
+            found = search(longer.oracles, at_once=1, greed=1.0, deadline=until, most=stances, known=known)
+            moves, self._seen = found
         for spare in SPARE_KNOTS if moves is not None else ():
             with climb.work.part("body", 0.3):
                 timed, schedule = in_time(climb, moves or [], spare)
-                aimed, path = path_to_goal(self._as_level(timed.problem), climb.equilibrium, schedule)
-                timed = replace(timed, problem=replace(timed.problem, goal=aimed.goal))
+                aimed, path = path_to_goal(self._as_level(timed.problem), climb.oracles.equilibrium, schedule)
+                timed = timed.of(replace(timed.problem, goal=aimed.goal))
             if path is not None:
                 result = self._finish(timed, schedule, start_from_path(timed.problem, path))
                 if result is not None:
@@ -166,20 +167,20 @@ class Planner:
 
     def _solve_and_check(self, climb: Climb, moves: list[Move], least: int) -> PlanResult | InfeasibleError:
         """A checked plan for moves of a problem of its own, with the steps they need, and at `least` so many."""
-        shortest = replace(climb, problem=replace(climb.problem, steps=least))
+        shortest = climb.of(replace(climb.problem, steps=least))
         for spare in SPARE_KNOTS:
             timed, _ = in_time(shortest, moves, spare)
-            scenario = rewritten(climb.scenario, steps=timed.problem.steps)
-            found = solve_and_check(replace(timed, scenario=scenario), moves)
+            scenario = rewritten(climb.session.scenario, steps=timed.problem.steps)
+            found = solve_and_check(_for(timed, scenario), moves)
             if isinstance(found, PlanResult):
                 break
         return found
 
     def _finish(self, climb: Climb, schedule: Schedule, start: Start) -> PlanResult | None:
-        scenario = rewritten(climb.scenario, steps=climb.problem.steps)
+        scenario = rewritten(climb.session.scenario, steps=climb.problem.steps)
         problem = self._as_numbered_in(scenario, climb.problem)
         functions = self.functions.started_elsewhere(problem.farther())
-        found = finish(replace(climb, scenario=scenario, problem=problem), schedule, start, functions)
+        found = finish(_for(climb, scenario).of(problem), schedule, start, functions)
         if isinstance(found, PlanResult):
             return found
         climb.work.log(f"refused: {found}")
@@ -222,3 +223,8 @@ class Planner:
             slack = np.minimum(_SLACK_M, (high - low) / 2)
             position = np.clip(position, low + slack, high - slack)
         return replace(problem, start=Pose(position, np.zeros(3)))
+
+
+def _for(climb: Climb, scenario: Scenario) -> Climb:
+    """The same climb of another scenario."""
+    return replace(climb, session=replace(climb.session, scenario=scenario))

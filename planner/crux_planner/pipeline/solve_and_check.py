@@ -1,5 +1,7 @@
 """From a schedule to a checked plan: body path, exact P1, message, check; and what is to blame where one is refused."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,7 +19,7 @@ from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.refusals import CUTS, TooFast, eased, nearer, slowed
 from crux_planner.pipeline.restart import rewritten
-from crux_planner.pipeline.session import RefusedWay, Session
+from crux_planner.pipeline.session import RefusedWay, Session, Work
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost, Timed
@@ -35,8 +37,25 @@ SLOWINGS = 6  # times that a sequence is scheduled anew with a slower body on th
 
 
 @dataclass(frozen=True)
-class Climb(Session, Oracles):
-    """A climb being planned: a session, and the oracles of its problem."""
+class Climb:
+    """A climb being planned: whose scenario it is and until when, and what answers the questions of its problem."""
+
+    session: Session
+    oracles: Oracles
+
+    @property
+    def problem(self) -> Problem:
+        """What is planned, in numbers."""
+        return self.oracles.problem
+
+    @property
+    def work(self) -> Work:
+        """What is told and timed on the way."""
+        return self.session.work
+
+    def of(self, problem: Problem) -> Climb:
+        """The same of another problem, about which the oracles answer as they do about this one."""
+        return replace(self, oracles=replace(self.oracles, problem=problem))
 
 
 @dataclass(frozen=True)
@@ -53,12 +72,12 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
     """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
     work, as_given = climb.work, climb.problem
     with work.part("improve", 0.3):
-        costs = EventCost(climb)
+        costs = EventCost(climb.oracles)
         level = moves and not as_given.turns  # its estimates are of a level body that takes steps
         timed, unsure = _improved(climb, costs, moves) if level else (None, False)
     with work.part("mip", 0.35):
         bounded = work.bound is not None  # where there is no time for a bound, as a robot waits, there is none for this
-        others = look_at_others(costs, timed, climb.deadline) if timed is not None and bounded else None
+        others = look_at_others(costs, timed, climb.session.deadline) if timed is not None and bounded else None
     stances = [held for move in moves for held in (move.before, move.held, move.after)]
     slow = foreseen(as_given.contacts, as_given.weight_N, as_given.dt_s, stances)
     problem = replace(as_given, speed_limits={**slow, **as_given.speed_limits})
@@ -92,14 +111,14 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
         return replace(choice, spare=more[0] if more else None)
 
     def made(choice: _Choice) -> PlanResult | InfeasibleError:
-        return _schedule_and_finish(replace(climb, problem=choice.problem), choice.timed, moves, choice.spare)
+        return _schedule_and_finish(climb.of(choice.problem), choice.timed, moves, choice.spare)
 
-    first = _Choice(problem, timed, spare=None if climb.scenario.planner.idle == "keep" else SPARE_KNOTS[0])
+    first = _Choice(problem, timed, spare=None if climb.session.scenario.planner.idle == "keep" else SPARE_KNOTS[0])
     if others is not None and others.found:
         first = replace(first, timed=others.timed, by_mip=True)
     most = SLOWINGS + (timed is not None) + first.by_mip + (0 if first.spare is None else len(SPARE_KNOTS))
     remedies = (as_searched, as_unforeseen, slower, untimed, roomier)
-    result, made_of = attempts(first, made, remedies, failures, most=most, until=climb.deadline)
+    result, made_of = attempts(first, made, remedies, failures, most=most, until=climb.session.deadline)
     if result is not None:
         result.others = None if others is None else replace(others, found=made_of.by_mip)
         return _cheaper(result, made(replace(first, timed=None))) if unsure and made_of.timed is not None else result
@@ -119,9 +138,9 @@ def _improved(climb: Climb, costs: EventCost, moves: list[Move]) -> tuple[Timed 
     """The moves or cheaper ones near them, timed, N among what is decided where a plan need not wait; and whether the
     moves as they are may be cheaper.
     """
-    if climb.scenario.planner.idle == "keep":
-        return improve(costs, moves, climb.deadline), False
-    return improve_in_fewest(costs, _quickest(climb, moves), climb.deadline)
+    if climb.session.scenario.planner.idle == "keep":
+        return improve(costs, moves, climb.session.deadline), False
+    return improve_in_fewest(costs, _quickest(climb, moves), climb.session.deadline)
 
 
 def _in_steps(climb: Climb, moves: list[Move], steps: int, deadline: float) -> PlanResult | InfeasibleError:
@@ -129,11 +148,12 @@ def _in_steps(climb: Climb, moves: list[Move], steps: int, deadline: float) -> P
     up the last way of one of its swings.
     """
     swings = {(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs}
-    if any(climb.swings.swing(*swing) is None for swing in swings):
+    if any(climb.oracles.swings.swing(*swing) is None for swing in swings):
         return InfeasibleError("passage", "a swing of these moves was found wrong, and there is no other")
     silent = replace(climb.work, log=lambda _line: None, bound=None)
-    longer = replace(climb, scenario=rewritten(climb.scenario, steps=steps))
-    return solve_and_check(replace(_over(longer, steps), work=silent, deadline=deadline), moves)
+    scenario = rewritten(climb.session.scenario, steps=steps)
+    longer = replace(climb, session=replace(climb.session, scenario=scenario, work=silent, deadline=deadline))
+    return solve_and_check(_over(longer, steps), moves)
 
 
 def _schedule_and_finish(
@@ -147,26 +167,27 @@ def _schedule_and_finish(
                 schedule = evenly(climb, moves)
             else:
                 climb = _over(climb, timed.knots)
-                schedule = at_knots(climb.problem, climb.swings, timed.moves, timed.stances, timed.swings)
+                swings = climb.oracles.swings
+                schedule = at_knots(climb.problem, swings, timed.moves, timed.stances, timed.swings)
         except HorizonError as too_short:
             return too_short
-        aimed, path = path_to_goal(climb.problem, climb.equilibrium, schedule)
+        aimed, path = path_to_goal(climb.problem, climb.oracles.equilibrium, schedule)
     if path is None:
         text = f"no body path for the gait {gait(schedule)}: reach and equilibrium do not meet in time"
         return InfeasibleError("body", text).blaming(longest(climb.problem, schedule.moves))
-    return finish(replace(climb, problem=aimed), schedule, start_from_path(aimed, path, schedule.yaw_rad))
+    return finish(climb.of(aimed), schedule, start_from_path(aimed, path, schedule.yaw_rad))
 
 
 def _over(climb: Climb, steps: int) -> Climb:
     """The same climb, of so many of the horizon's steps."""
-    return replace(climb, problem=replace(climb.problem, steps=steps))
+    return climb.of(replace(climb.problem, steps=steps))
 
 
 def evenly(climb: Climb, moves: list[Move]) -> Schedule:
     """The moves as they are, the time to spare spread over stances and swings. Raises HorizonError."""
     problem = climb.problem
-    moves = smooth_events(climb, moves)
-    return scheduled(problem, climb.swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
+    moves = smooth_events(climb.oracles, moves)
+    return scheduled(problem, climb.oracles.swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
 
 
 def least_steps(climb: Climb, moves: list[Move]) -> int:
@@ -176,16 +197,14 @@ def least_steps(climb: Climb, moves: list[Move]) -> int:
 
 def _quickest(climb: Climb, moves: list[Move]) -> Timed:
     """The moves over the steps that they need."""
-    problem, moves = climb.problem, smooth_events(climb, moves)
+    problem, moves = climb.problem, smooth_events(climb.oracles, moves)
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
-    return Timed(moves, *least_durations(problem, climb.swings, moves, step))
+    return Timed(moves, *least_durations(problem, climb.oracles.swings, moves, step))
 
 
 def in_time(climb: Climb, moves: list[Move], spare: int = 0) -> tuple[Climb, Schedule]:
     """The same over the steps that the moves need, if these are more than the problem's, and `spare` more."""
-    climb = replace(
-        climb, problem=replace(climb.problem, steps=max(climb.problem.steps, least_steps(climb, moves)) + spare)
-    )
+    climb = _over(climb, max(climb.problem.steps, least_steps(climb, moves)) + spare)
     return climb, evenly(climb, moves)
 
 
@@ -205,40 +224,42 @@ def finish(
     where the body leans farther than their boxes allow. `functions` are those of the problem with that reach.
     """
     ways = [without_waiting(climb.problem, schedule, start, pace) for pace in PACES]
-    shorter = [(replace(climb, problem=w[0]), w[1:]) for w in ways if w[0].steps < climb.problem.steps]
-    first = shorter[0][0] if shorter and climb.scenario.planner.idle != "keep" else climb
+    shorter = [(climb.of(fewer), moving, begun) for fewer, moving, begun in ways if fewer.steps < climb.problem.steps]
+    first = shorter[0][0] if shorter and climb.session.scenario.planner.idle != "keep" else climb
 
-    def finish_as_it_is(session: Climb, given: tuple[Schedule, Start]) -> PlanResult | InfeasibleError:
-        far = session.problem.farther()
-        if far is session.problem:
-            return _finish_as_it_is(session, *given, functions, CUTS)
-        if session is first:
-            silent = replace(session, problem=far, work=replace(session.work, log=lambda _line: None))
-            found = _finish_as_it_is(silent, *given, functions, FAR_CUTS)
+    def finish_as_it_is(way: tuple[Climb, Schedule, Start]) -> PlanResult | InfeasibleError:
+        climb, schedule, start = way
+        far = climb.problem.farther()
+        if far is climb.problem:
+            return _finish_as_it_is(climb, schedule, start, functions, CUTS)
+        if climb is first:
+            quiet = replace(climb.session, work=replace(climb.work, log=lambda _line: None))
+            silent = replace(climb.of(far), session=quiet)
+            found = _finish_as_it_is(silent, schedule, start, functions, FAR_CUTS)
             if isinstance(found, PlanResult):
                 return found
-        return _finish_as_it_is(session, *given, None, CUTS)
+        return _finish_as_it_is(climb, schedule, start, None, CUTS)
 
-    return without_waits(climb, (schedule, start), shorter, finish_as_it_is)
+    return without_waits(climb.session, (climb, schedule, start), shorter, finish_as_it_is)
 
 
 def _finish_as_it_is(
     climb: Climb, schedule: Schedule, start: Start, functions: StageFunctions | None, cuts: int
 ) -> PlanResult | InfeasibleError:
-    problem, work = climb.problem, climb.work
+    problem, session, work = climb.problem, climb.session, climb.work
     if work.bound is not None:
         work.bound.start_with(problem.steps, plan_cost(problem, schedule, start.body, start.wrenches))
     functions, refused = functions or StageFunctions(problem), None
     for _ in range(1 + cuts):
         with work.part("nlp", 0.5):
-            solution = solve_within_torques(problem, schedule, start, climb.deadline, functions)
+            solution = solve_within_torques(problem, schedule, start, session.deadline, functions)
         if not solution.solved:
             unfound = refused or unsolved(gait(schedule), solution.status)
             return unfound.blaming(longest(problem, schedule.moves))
         with work.part("message", 0.8):
-            message = plan_message(climb.scenario, climb.robot, problem, schedule, solution, climb.method)
+            message = plan_message(session.scenario, session.robot, problem, schedule, solution, session.method)
         with work.part("check", 0.8):
-            report = check_plan(message, climb.robot)
+            report = check_plan(message, session.robot)
         problem = replace(problem, torque_limits_Nm=solution.torque_limits_Nm)
         if report.ok:
             break
@@ -267,7 +288,7 @@ def _cost_without(nominal: Problem, climb: Climb, schedule: Schedule, solution: 
         nominal = nominal.farther()
     problem = replace(nominal, steps=climb.problem.steps, goal=climb.problem.goal)
     with climb.work.part("price", 0.9):
-        found = solve_within_torques(problem, schedule, solution.start, climb.deadline)
+        found = solve_within_torques(problem, schedule, solution.start, climb.session.deadline)
     return found.cost if found.solved else None
 
 

@@ -35,9 +35,10 @@ _FRICTION = ("limit_surface", "limit_surface_between_knots")
 
 
 @dataclass(frozen=True)
-class Walk(Session):
+class Walk:
     """A walk with the margins it is planned with, and as it was asked for; what its worker has to spare."""
 
+    session: Session
     problem: WalkProblem
     asked: WalkProblem
     worker: Worker
@@ -62,17 +63,17 @@ def plan(session: Session, worker: Worker) -> PlanResult:
     """A checked walk; `worker` bounds its cost, and helps to search where it is free."""
     with session.work.part("problem", 0.0):
         problem = build_walk(session.scenario, session.robot)
-    walk = Walk(**vars(session), problem=problem, asked=problem, worker=worker)
+    walk = Walk(session, problem, problem, worker)
     try:
         return _plan(walk)
     except InfeasibleError as none:
-        reason = none if walk.late else _cause(walk, none)
-        raise reason.out_of_time() if walk.late and not isinstance(reason, HorizonError) else reason from None
+        reason = none if walk.session.late else _cause(walk, none)
+        raise reason.out_of_time() if walk.session.late and not isinstance(reason, HorizonError) else reason from None
 
 
 def _cause(walk: Walk, none: InfeasibleError) -> InfeasibleError:
     """The horizon, where a longer one gives a plan, which is tried; else `none`."""
-    if walk.method != "auto" or none.constraint == "horizon":
+    if walk.session.method != "auto" or none.constraint == "horizon":
         return none
     given = walk.asked.steps
     for steps in (ceil(longer * given) for longer in LONGER):
@@ -88,22 +89,22 @@ def _cause(walk: Walk, none: InfeasibleError) -> InfeasibleError:
 
 
 def _with_horizon(walk: Walk, steps: int) -> Walk:
-    scenario = edited(walk.scenario, lambda content: content["horizon"].update(steps=steps))
-    problem = build_walk(scenario, walk.robot)
-    return replace(walk, scenario=scenario, problem=problem, asked=problem)
+    scenario = edited(walk.session.scenario, lambda content: content["horizon"].update(steps=steps))
+    problem = build_walk(scenario, walk.session.robot)
+    return replace(walk, session=replace(walk.session, scenario=scenario), problem=problem, asked=problem)
 
 
 def _plan(walk: Walk) -> PlanResult:
     """With the usual margins, then bolder where nothing was found; gentler where the check refused what was found."""
-    attempt = _by_search if walk.method == "auto" else _by_method
+    attempt = _by_search if walk.session.method == "auto" else _by_method
     failures: list[InfeasibleError] = []
     for profile in (USUAL, BOLD, BOLDEST):
         given = replace(walk, problem=replace(walk.asked, profile=profile))
         remedies = (_slower_feet, _gentler, _firmer)
-        result, _ = attempts(given, attempt, remedies, failures, most=1 + GENTLER, until=walk.deadline)
+        result, _ = attempts(given, attempt, remedies, failures, most=1 + GENTLER, until=walk.session.deadline)
         if result is not None:
             return result
-        if failures[-1].constraint == "horizon" or walk.late:
+        if failures[-1].constraint == "horizon" or walk.session.late:
             break
     raise failures[0]
 
@@ -143,27 +144,29 @@ def _firmer(walk: Walk, refused: InfeasibleError) -> Walk | None:
 
 
 def _by_search(walk: Walk) -> PlanResult | InfeasibleError:
-    return _first_good(walk, WalkContacts(walk.problem, workers=_team(walk.worker)).search(walk.deadline))
+    return _first_good(walk, WalkContacts(walk.problem, workers=_team(walk.worker)).search(walk.session.deadline))
 
 
 def _by_method(walk: Walk) -> PlanResult | InfeasibleError:
     """One of the paper's methods decides the gait; the exact problem and the check are the same for all."""
     from crux_planner.admm.methods import METHODS, WalkTask
 
-    scenario, problem, work, method = walk.scenario, walk.problem, walk.work, walk.method
+    session, problem, work = walk.session, walk.problem, walk.session.work
     workers = _team(walk.worker)
     contacts = WalkContacts(problem, workers=workers)
     try:
         with work.part("contacts", 0.1):
-            contacts.begin(walk.deadline)
-            decided = METHODS[method](WalkTask(problem, **method_settings(walk)))
+            contacts.begin(session.deadline)
+            decided = METHODS[session.method](WalkTask(problem, **method_settings(session)))
     except InfeasibleError as none:
         return none
     gait = decided.knots.gait
-    reached = walk_message(scenario, walk.robot, walk.asked, of_knots(problem, decided.knots, 0), method)
+    reached = walk_message(
+        session.scenario, session.robot, walk.asked, of_knots(problem, decided.knots, 0), session.method
+    )
     with work.part("check", 0.4):
-        reached_report = check_plan(reached, walk.robot)
-    result = _first_good(walk, contacts.near(gait, walk.deadline))
+        reached_report = check_plan(reached, session.robot)
+    result = _first_good(walk, contacts.near(gait, session.deadline))
     if isinstance(result, PlanResult):
         result.found_by(decided, reached_report)
     return result
@@ -180,7 +183,7 @@ def _first_good(walk: Walk, found: Iterator[WalkKnots]) -> PlanResult | Infeasib
     bound = BoundWorker(walk.worker, np.inf)
     for _ in range(ATTEMPTS):
         try:
-            with walk.work.part("contacts", 0.1):
+            with walk.session.work.part("contacts", 0.1):
                 knots = next(found, None)
         except InfeasibleError as none:
             return failure or none
@@ -199,21 +202,21 @@ def _finish(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | In
     """The exact problem and the check for a gait, whatever found it."""
     ways = [walk_without_waiting(walk.problem, knots, pace) for pace in PACES]
     shorter = [(replace(walk, problem=less), moving) for less, moving in ways if less.steps < walk.problem.steps]
-    return without_waits(walk, knots, shorter, lambda of, way: _finish_as_it_is(of, bound, way))
+    return without_waits(walk.session, (walk, knots), shorter, lambda way: _finish_as_it_is(way[0], bound, way[1]))
 
 
 def _finish_as_it_is(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | InfeasibleError:
-    problem, work, gait = walk.problem, walk.work, knots.gait
+    problem, work, gait = walk.problem, walk.session.work, knots.gait
     bounded = replace(walk.asked, profile=problem.profile, steps=problem.steps)
     bound.start((bounded.steps, bounded.profile), lower_bound, bounded)
     for _ in range(1 + CUTS):
         with work.part("nlp", 0.5):
-            solution = solve(problem, knots, walk.deadline)
+            solution = solve(problem, knots, walk.session.deadline)
         if not solution.solved:
             return unsolved(", ".join(gait.names), solution.status)
         with work.part("check", 0.8):
-            message = walk_message(walk.scenario, walk.robot, problem, solution, walk.method)
-            report = check_plan(message, walk.robot)
+            message = walk_message(walk.session.scenario, walk.session.robot, problem, solution, walk.session.method)
+            report = check_plan(message, walk.session.robot)
         less = None if report.ok else bent(problem, solution, report)
         if less is None:
             break

@@ -25,7 +25,7 @@ def climb(robot: Robot) -> Climb:
     wall = scenario(two_rows())
     work = Work(lambda _what, _share: None, lambda _line: None)
     session = Session(wall, robot, work, clock.now() + 60.0, 60.0, "auto")
-    return Climb(**vars(session), **vars(Oracles.of(build_problem(wall, robot))))
+    return Climb(session, Oracles.of(build_problem(wall, robot)))
 
 
 def refused_below(steps: int, reason: InfeasibleError) -> RefusedWay:
@@ -61,8 +61,8 @@ def test_a_way_whose_swing_was_given_up_since_is_not_tried(climb: Climb) -> None
     assert moves
     (limb,) = moves[0].limbs
     swing = moves[0].before[limb], moves[0].after[limb]
-    while climb.swings.swing(*swing) is not None:
-        climb.swings.forbid(*swing)
+    while climb.oracles.swings.swing(*swing) is not None:
+        climb.oracles.swings.forbid(*swing)
     climb.work.refused.append(RefusedWay(HorizonError("needs 52", 52), partial(_in_steps, climb, moves)))
     assert cause._enough_steps(climb) is None
 
@@ -84,7 +84,7 @@ def test_a_joint_that_the_check_names_asks_for_stronger_motors(climb: Climb, mon
     seen = []
 
     def planned(easier: Climb) -> bool:
-        seen.append(easier.robot.limbs[0].joints[0].effort / climb.robot.limbs[0].joints[0].effort)
+        seen.append(easier.session.robot.limbs[0].joints[0].effort / climb.session.robot.limbs[0].joints[0].effort)
         return seen[-1] > 1.3 or seen[-1] == 1.0
 
     refused = InfeasibleError("joint_torque_shared", "every plan found fails the check: joint_torque_shared of LF")
@@ -104,11 +104,13 @@ def test_what_is_made_easier_is_so_for_planner_and_check_alike(climb: Climb, eas
     from crux_planner.checker.limb_model import load_model
 
     stronger = easier["torque"].climb(climb, 10)
-    for before, after in zip(load_model(climb.robot).limbs, load_model(stronger.robot).limbs, strict=True):
+    for before, after in zip(
+        load_model(climb.session.robot).limbs, load_model(stronger.session.robot).limbs, strict=True
+    ):
         assert [j.effort for j in after.joints] == pytest.approx([1.5 * j.effort for j in before.joints])
     assert stronger.problem.torque_limits_Nm == pytest.approx(1.5 * climb.problem.torque_limits_Nm)
     rougher = easier["equilibrium"].climb(climb, 10)
-    again = build_problem(rougher.scenario, climb.robot)
+    again = build_problem(rougher.session.scenario, climb.session.robot)
     for read, tried in zip(again.contacts, rougher.problem.contacts, strict=True):
         assert read.friction == pytest.approx(tried.friction)
         assert tried.friction.max() == pytest.approx(3.3)

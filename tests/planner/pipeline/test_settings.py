@@ -167,7 +167,7 @@ def test_the_time_limit_leaves_time_for_the_check(robot: Robot, monkeypatch: pyt
     deadlines: list[float] = []
 
     def level(*given: Any) -> PlanResult:
-        deadlines.append(given[0].deadline)
+        deadlines.append(given[0].session.deadline)
         raise InfeasibleError("time limit", "as made up")
 
     def wider(*_given: Any, **_share: Any) -> PlanResult:
