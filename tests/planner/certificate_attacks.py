@@ -214,8 +214,8 @@ def _elsewhere(problem: Problem, read: Scenario, random: np.random.Generator) ->
     contacts = []
     for contact in problem.contacts:
         grip = grips[contact.hold, contact.pair]
-        place = contact.centre_w_m + random.uniform(-1.0, 1.0) * grip.aside_m * contact.tangent
-        contacts.append(replace(contact, centre_w_m=np.array([*place[:2], random.choice(grip.height_m)])))
+        place = contact.centre_h_m + random.uniform(-1.0, 1.0) * grip.aside_m * contact.tangent
+        contacts.append(replace(contact, centre_h_m=np.array([*place[:2], random.choice(grip.height_m)])))
     return contacts
 
 

@@ -11,7 +11,7 @@ def straight_motion(problem: WalkProblem, gait: Gait) -> WalkMotion:
     """Straight to the goal in the time of the steps, the weight shared by the feet in stance."""
     stance = gait.stance[: problem.steps]
     shares = stance / np.maximum(stance.sum(axis=1, keepdims=True), 1)
-    forces = shares[..., None] * (-problem.mass_kg * problem.gravity_w)
+    forces = shares[..., None] * (-problem.mass_kg * problem.gravity_h)
     way = np.interp(np.arange(problem.steps + 1), *progress(problem, gait))
     pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad])
     there = np.concatenate([problem.goal.body.position_m, problem.goal.body.rpy_rad])

@@ -38,7 +38,7 @@ def solve(problem: WalkProblem, knots: WalkKnots, time_limit_s: float) -> WalkSo
     x = ca.MX.sym("x", BODY_STATES, n + 1)
     f = ca.MX.sym("f", 3, len(places))  # scaled
     h = ca.MX.sym("h", 2, len(gait.steps))
-    holds = ca.horzcat(ca.DM(problem.start_feet_w_m.T), h)
+    holds = ca.horzcat(ca.DM(problem.start_feet_h_m.T), h)
     blend = gait.blend.reshape((n + 1) * 4, -1)
     height = problem.step_height_m * gait.height.reshape(1, -1)
     feet = ca.vertcat(holds @ ca.sparsify(ca.DM(blend.T)), ca.DM(height))  # (3, 4 (N + 1)), knot by knot
@@ -126,7 +126,7 @@ def _solution(problem: WalkProblem, knots: WalkKnots, found: NlpSolution, places
     size, count = BODY_STATES * (n + 1), 3 * len(places)
     forces = np.zeros((n, 4, 3))
     forces[places[:, 0], places[:, 1]] = FORCE_SCALE_N * values[size : size + count].reshape(-1, 3)
-    footholds = np.vstack([problem.start_feet_w_m, values[size + count :].reshape(-1, 2)])
+    footholds = np.vstack([problem.start_feet_h_m, values[size + count :].reshape(-1, 2)])
     body = values[:size].reshape(n + 1, BODY_STATES)
     defects = np.abs(found.rows[: BODY_STATES * n].reshape(n, BODY_STATES))
     return WalkSolution(
@@ -180,7 +180,7 @@ def _pressed(problem: WalkProblem, x: Any, feet: Any, yaws: Array) -> Any:
     places = link_places.map(n)(x, ca.reshape(feet, 12, n), ca.DM(yaws.T))
     inner = (places[:, 2:] - 2 * places[:, 1:-1] + places[:, :-2]) / problem.dt_s**2
     still = ca.DM.zeros(places.shape[0], 1)
-    pull = ca.horzcat(still, inner, still) - ca.repmat(ca.DM(problem.gravity_w), len(inside), n)
+    pull = ca.horzcat(still, inner, still) - ca.repmat(ca.DM(problem.gravity_h), len(inside), n)
     (px, py, pz), (ax, ay, az) = ([each[i::3, :] for i in range(3)] for each in (places, pull))
     return ca.vertcat(masses @ (px * az - pz * ax), masses @ (py * az - pz * ay)) / ca.repmat(masses @ az, 2, 1)
 

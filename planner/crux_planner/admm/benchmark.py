@@ -167,7 +167,7 @@ class Benchmark:
             contact = problem.contacts[c]
             each = gripper_wrench(
                 q[WRENCH_INPUTS * i : WRENCH_INPUTS * (i + 1)] * _unit(problem),
-                ca.DM(contact.centre_w_m),
+                ca.DM(contact.centre_h_m),
                 ca.DM(contact.axis),
                 ca.DM(contact.tangent),
             )
@@ -221,7 +221,7 @@ class Benchmark:
         for limb in range(4):
             begin = problem.contacts[problem.start_contacts[limb]]
             ends = [problem.contacts[c] for c in self.windows.goals[limb]] or [begin]
-            swings = [float(np.linalg.norm(c.centre_w_m - begin.centre_w_m)) for c in ends]
+            swings = [float(np.linalg.norm(c.centre_h_m - begin.centre_h_m)) for c in ends]
             end = ends[int(np.argmin(swings))]
             at = BODY_STATES + _POSE * limb
             z[:, at : at + _POSE] = np.linspace(begin.pose, end.pose, n + 1)
@@ -247,7 +247,7 @@ def _beyond(problem: Problem, hold: int, point: Any) -> Any:
     """n_h . (p - o) - s_h of a hold's four sides and its top."""
     cuboids = problem.cuboids
     c, s = np.cos(cuboids.yaw_rad[hold]), np.sin(cuboids.yaw_rad[hold])
-    plan = point[:2] - cuboids.foot_w_m[hold]
+    plan = point[:2] - cuboids.foot_h_m[hold]
     a, b, half = c * plan[0] + s * plan[1], -s * plan[0] + c * plan[1], cuboids.half_m[hold]
     return ca.vertcat(a - half[0], -a - half[0], b - half[1], -b - half[1], point[2] - 2 * half[2])
 

@@ -254,7 +254,7 @@ class HullMilp:
             self.milp.row(columns, matrix[axis], -weight[axis], -weight[axis])
 
     def _moments(self, t: int) -> None:
-        """(8b), at rest, about W's origin, a limb in the air half way between its contacts: no part of P2a."""
+        """(8b), at rest, about H's origin, a limb in the air half way between its contacts: no part of P2a."""
         balance, k = self.balance, self.windows.problem.patch.k_m
         columns, ends, parts, places = list[int](), list[int](), list[Array](), list[Array]()
         for limb in self.limbs:

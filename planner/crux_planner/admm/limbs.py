@@ -134,7 +134,7 @@ class WalkLimbs(_Limbs):
         """Nothing but the start, and no forces."""
         n, start = self._problem.steps, self._problem.start
         body = np.tile(np.concatenate([start.position_m, start.rpy_rad, np.zeros(6)]), (n + 1, 1))
-        feet = np.tile(np.pad(self._problem.start_feet_w_m, ((0, 0), (0, 1))), (n + 1, 1, 1))
+        feet = np.tile(np.pad(self._problem.start_feet_h_m, ((0, 0), (0, 1))), (n + 1, 1, 1))
         return self._flagged(Eta.of_points(body, feet, np.zeros((n, len(_LIMBS), 3))), ())
 
     def minimise(self, rho: float, target: Eta) -> ContactPlan[WalkKnots]:

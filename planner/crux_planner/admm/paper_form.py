@@ -98,8 +98,8 @@ def build(scene: PaperScene) -> tuple[Model, dict[str, Indices]]:
 
 
 def _far(scene: PaperScene) -> float:
-    """How far from W's origin anything may be along x and y [m]."""
-    places = np.vstack([scene.centre, scene.start_w_m, scene.start.position_m, scene.goal.body.position_m])
+    """How far from H's origin anything may be along x and y [m]."""
+    places = np.vstack([scene.centre, scene.start_h_m, scene.start.position_m, scene.goal.body.position_m])
     return float(np.abs(places[:, :2]).max()) + _BESIDE_M
 
 
@@ -150,14 +150,14 @@ def _reach(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:
 def _ends(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:
     """Where fingers begin and end."""
     p, alpha, fingers = x["p"], x["alpha"], np.arange(len(scene.limb))
-    model.add([(p[0], 1.0)], scene.start_w_m, scene.start_w_m)
+    model.add([(p[0], 1.0)], scene.start_h_m, scene.start_h_m)
     model.add([(alpha[0, fingers, scene.start_face], 1.0)], 1.0, 1.0)
     named = np.flatnonzero(scene.end_face >= 0)
     if len(named):
         model.add([(alpha[-1, named, scene.end_face[named]], 1.0)], 1.0, 1.0)
-    placed = np.flatnonzero(~np.isnan(scene.end_w_m[:, 0]))
+    placed = np.flatnonzero(~np.isnan(scene.end_h_m[:, 0]))
     if len(placed):
-        where = scene.end_w_m[placed]
+        where = scene.end_h_m[placed]
         model.add([(p[-1, placed], 1.0)], where - scene.end_slack_m, where + scene.end_slack_m)
 
 
@@ -197,7 +197,7 @@ def _wrenches(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:
             model.add([*rows, (m, -1 / scene.k_m), (gamma, -big)], -np.inf, scene.spine[:, 1] / scene.k_m)
     for c in np.flatnonzero(scene.opposite >= 0):  # (4)
         model.add([(f[:, 0::2, c, :2], 1.0), (f[:, 1::2, scene.opposite[c], :2], -1.0)], 0.0, 0.0)
-    weight, step = scene.mass_kg * scene.gravity_w, scene.mass_kg / scene.dt_s
+    weight, step = scene.mass_kg * scene.gravity_h, scene.mass_kg / scene.dt_s
     terms = [(force[:, i], -1.0) for i in range(fingers)]
     model.add([(x["v"][1:], step), (x["v"][:-1], -step), *terms], weight, weight)
 

@@ -28,7 +28,7 @@ class PaperScene:
     steps: int
     dt_s: float
     mass_kg: float
-    gravity_w: Array
+    gravity_h: Array
     start: Pose
     goal: Goal
     body: BodyBounds
@@ -41,8 +41,8 @@ class PaperScene:
     separation_m: float  # largest between two paired fingers
     step_m: float  # a finger's largest way in a knot
     top_m: float  # largest height of a finger
-    start_w_m: Array  # (nf, 3)
-    end_w_m: Array  # (nf, 3) NaN where free
+    start_h_m: Array  # (nf, 3)
+    end_h_m: Array  # (nf, 3) NaN where free
     end_slack_m: float
     start_face: Indices  # (nf,)
     end_face: Indices  # (nf,) -1 where free
@@ -68,7 +68,7 @@ def _climb(scenario: Scenario, robot: Robot) -> PaperScene:
     cuboids, share = problem.cuboids, problem.friction_share
     least = 1.0 - (scenario.uncertainty.friction if scenario.uncertainty else 0.0)
     turns = [rotation_z(float(yaw)) for yaw in cuboids.yaw_rad]
-    middles = np.column_stack([cuboids.foot_w_m, cuboids.half_m[:, 2]])
+    middles = np.column_stack([cuboids.foot_h_m, cuboids.half_m[:, 2]])
     normals = np.stack([SIDES @ turn.T for turn in turns])  # (V, 5, 3)
     reaches = np.stack([np.abs(SIDES) @ half for half in cuboids.half_m]) + np.einsum("vhi,vi->vh", normals, middles)
     tangents = np.array([[[0.0, 1, 0], [0, 0, 1]]] * 2 + [[[1.0, 0, 0], [0, 0, 1]]] * 2 + [[[1.0, 0, 0], [0, 1, 0]]])
@@ -91,8 +91,8 @@ def _climb(scenario: Scenario, robot: Robot) -> PaperScene:
         separation_m=2 * problem.shape.largest_opening,
         step_m=problem.swing.speed_m_s * problem.dt_s,
         top_m=problem.swing.max_height_m,
-        start_w_m=np.array([c.centre_w_m + sign * c.separation_m / 2 * c.axis for c in starts for sign in (1, -1)]),
-        end_w_m=np.full((8, 3), np.nan),
+        start_h_m=np.array([c.centre_h_m + sign * c.separation_m / 2 * c.axis for c in starts for sign in (1, -1)]),
+        end_h_m=np.full((8, 3), np.nan),
         end_slack_m=0.0,
         start_face=np.array([5 * c.hold + face for c in starts for face in (c.finger1_face, c.finger1_face ^ 1)]),
         end_face=end_face,
@@ -122,8 +122,8 @@ def _walk(scenario: Scenario, robot: Robot) -> PaperScene:
         separation_m=0.0,
         step_m=problem.foot_speed_m_s * problem.dt_s,
         top_m=problem.step_height_m,
-        start_w_m=np.column_stack([problem.start_feet_w_m, np.zeros(4)]),
-        end_w_m=np.column_stack([problem.goal_feet_w_m, np.zeros(4)]),
+        start_h_m=np.column_stack([problem.start_feet_h_m, np.zeros(4)]),
+        end_h_m=np.column_stack([problem.goal_feet_h_m, np.zeros(4)]),
         end_slack_m=FINAL_FOOT_M,
         start_face=np.zeros(4, dtype=int),
         end_face=np.zeros(4, dtype=int),
@@ -141,5 +141,5 @@ def _walk(scenario: Scenario, robot: Robot) -> PaperScene:
 
 
 def _common(problem: Problem | WalkProblem) -> dict[str, Any]:
-    names = ("steps", "dt_s", "mass_kg", "gravity_w", "start", "goal", "body", "weights")
+    names = ("steps", "dt_s", "mass_kg", "gravity_h", "start", "goal", "body", "weights")
     return {name: getattr(problem, name) for name in names}

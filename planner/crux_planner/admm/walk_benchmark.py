@@ -88,7 +88,7 @@ class WalkBenchmark:
             raise InfeasibleError("benchmark", f"the benchmark NLP ends with steps that no foot makes (knots: {names})")
         gait = slots.gait(n + 1)
         feet = p.reshape(n + 1, _FEET, 3)
-        footholds = np.vstack([problem.start_feet_w_m, *[feet[step.land, step.limb, :2] for step in gait.steps]])
+        footholds = np.vstack([problem.start_feet_h_m, *[feet[step.land, step.limb, :2] for step in gait.steps]])
         forces = FORCE_UNIT_N * u[:n].reshape(n, _FEET, 3) * gait.stance[:n, :, None]
         return WalkKnots(gait, x, forces, footholds, problem, walk_cost(problem, gait, x, forces))
 
@@ -97,8 +97,8 @@ class WalkBenchmark:
         low_x, high_x = walk_bounds(problem, None)
         low_p = np.tile([-np.inf, -np.inf, 0.0], (n + 1, _FEET))
         high_p = np.tile([np.inf, np.inf, problem.step_height_m], (n + 1, _FEET))
-        low_p[0] = high_p[0] = np.column_stack([problem.start_feet_w_m, np.zeros(_FEET)]).ravel()
-        there = np.column_stack([problem.goal_feet_w_m, np.zeros(_FEET)])
+        low_p[0] = high_p[0] = np.column_stack([problem.start_feet_h_m, np.zeros(_FEET)]).ravel()
+        there = np.column_stack([problem.goal_feet_h_m, np.zeros(_FEET)])
         slack = np.array([FINAL_FOOT_M, FINAL_FOOT_M, 0.0])
         low_p[-1], high_p[-1] = (there - slack).ravel(), (there + slack).ravel()
         low_alpha, high_alpha = np.zeros((n + 1, _FEET)), np.ones((n + 1, _FEET))
@@ -118,12 +118,12 @@ class WalkBenchmark:
         start, goal = problem.start, problem.goal.body
         pose = np.concatenate([start.position_m, start.rpy_rad])
         x[:, :6] = pose + way * (np.concatenate([goal.position_m, goal.rpy_rad]) - pose)
-        feet = problem.start_feet_w_m + way[..., None] * (problem.goal_feet_w_m - problem.start_feet_w_m)
+        feet = problem.start_feet_h_m + way[..., None] * (problem.goal_feet_h_m - problem.start_feet_h_m)
         p = np.concatenate([feet, np.zeros((n + 1, _FEET, 1))], axis=2).reshape(n + 1, -1)
         return np.hstack([x, p, np.full((n + 1, _FEET), _FIRST_ALPHA), np.tile(self._standing(), (n + 1, 1))]).ravel()
 
     def _standing(self) -> Array:
-        return np.tile(-self.problem.mass_kg * self.problem.gravity_w / _FEET / FORCE_UNIT_N, _FEET)
+        return np.tile(-self.problem.mass_kg * self.problem.gravity_h / _FEET / FORCE_UNIT_N, _FEET)
 
 
 def slots_of(stance: Flags) -> Slots:

@@ -107,7 +107,7 @@ class WalkMip:
             body[:, column] = np.interp(knots, self.ends, values[self.body[:, axis]])
         body[:, 3:6] = np.linspace(problem.start.rpy_rad, problem.goal.body.rpy_rad, len(knots))
         forces = np.repeat(values[self.forces], self.knots, axis=0) * gait.stance[:-1, :, None]
-        return WalkMotion(gait, body, forces, np.vstack([problem.start_feet_w_m, *footholds]))
+        return WalkMotion(gait, body, forces, np.vstack([problem.start_feet_h_m, *footholds]))
 
     def touch(self, motion: WalkMotion) -> None:
         """Tangents at a motion's forces, body and feet."""
@@ -154,13 +154,13 @@ class WalkMip:
         for normal in _polygon():
             ways = [(self.moved[0], normal[0]), (self.moved[1], normal[1])]
             milp.add([*ways, (self.taken, -np.cos(np.pi / _SIDES) * longest)], -np.inf, 0.0)
-        milp.add([(self.feet[0], 1.0)], problem.start_feet_w_m, problem.start_feet_w_m)
+        milp.add([(self.feet[0], 1.0)], problem.start_feet_h_m, problem.start_feet_h_m)
         for t, (first, end) in enumerate(pairwise(self.ends)):
             share = [self._way(a, end) - self._way(a, first) for a in range(len(self.steps))]
             ahead = [(self.moved[:, :, a].T, -part) for a, part in enumerate(share) if part]
             milp.add([(self.feet[t + 1], 1.0), (self.feet[t], -1.0), *ahead], 0.0, 0.0)
-        milp.add([(self.feet[-1], 1.0)], problem.goal_feet_w_m - FINAL_FOOT_M, problem.goal_feet_w_m + FINAL_FOOT_M)
-        for at in (problem.start_feet_w_m, problem.goal_feet_w_m):
+        milp.add([(self.feet[-1], 1.0)], problem.goal_feet_h_m - FINAL_FOOT_M, problem.goal_feet_h_m + FINAL_FOOT_M)
+        for at in (problem.start_feet_h_m, problem.goal_feet_h_m):
             for off in _OFF_M:
                 self._tangents(self.feet_squares, self.feet, np.broadcast_to(at + off, self.feet.shape))
 
@@ -180,7 +180,7 @@ class WalkMip:
     def _together(self) -> None:
         """(8a); (9a) with R level, inside what it is for every heading on the way; feet of a side apart."""
         problem, milp, v = self.problem, self.milp, self.body[:, 3:]
-        inertia, weight = problem.mass_kg / (problem.dt_s * self.knots[:, None]), problem.mass_kg * problem.gravity_w
+        inertia, weight = problem.mass_kg / (problem.dt_s * self.knots[:, None]), problem.mass_kg * problem.gravity_h
         feet = [(self.forces[:, i], -1.0) for i in range(_FEET)]
         milp.add([(v[1:], inertia), (v[:-1], -inertia), *feet], weight, weight)
         boxes = turned(problem.boxes, abs(float(problem.goal.body.rpy_rad[2])))

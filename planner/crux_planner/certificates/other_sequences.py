@@ -171,10 +171,10 @@ def _among(costs: EventCost, limb: int, own: list[Swing]) -> list[Swing]:
     usable = set(problem.limb_contacts[limb])
     near = {problem.start_contacts[limb], *(end for _, end in own)}
     for contact in sorted(near):
-        place = problem.contacts[contact].centre_w_m
+        place = problem.contacts[contact].centre_h_m
         others = sorted(
             (int(c) for c in reach.neighbours(limb, contact) if int(c) in usable),
-            key=lambda c: float(np.abs(problem.contacts[c].centre_w_m - place).sum()),
+            key=lambda c: float(np.abs(problem.contacts[c].centre_h_m - place).sum()),
         )
         near.update(others[: _NEAR + 1])  # itself too
     pairs = ((a, int(b)) for a in near for b in reach.neighbours(limb, a) if b in near and b in usable)

@@ -45,7 +45,7 @@ class Loads:
         columns = [self.balance.weight(axis)[1] - self.right for axis in np.eye(3)]
         self.follow = np.stack(columns, axis=1)  # (6, 3): of the grippers' mean place
 
-    def multipliers(self, support: list[int], mean_w_m: Array, body_w_m: Array) -> Array:
+    def multipliers(self, support: list[int], mean_h_m: Array, body_h_m: Array) -> Array:
         """(6,) of the cheapest wrenches of grippers on `support` that carry a body at a place."""
         carriers, many = self.carriers, len(support)
         count = 5 * many + 6
@@ -66,7 +66,7 @@ class Loads:
                 rows[of, at : at + 3] = self._directions
                 rows[of, at + 3 + finger] = -carriers.friction[contact, finger]
                 most[of] = np.abs(self._directions) @ carriers.spines[contact]
-        right = self.right + self.follow @ mean_w_m - self.body @ body_w_m
+        right = self.right + self.follow @ mean_h_m - self.body @ body_h_m
         qp = Qp(np.diag(2 * square), np.zeros(count), (equal, right), (rows, None, most), low, high, eps_abs=1e-6)
         return qp.solve().multipliers
 

@@ -1,6 +1,6 @@
 """From a scenario and a robot description to the numbers of P1.
 
-Everything is expressed in the heading frame: W turned about its z so that the body starts with yaw 0;
+Everything is expressed in the heading frame H: W turned about its z so that the body starts with yaw 0;
 `pipeline/message.py` turns the plan back. What the scenario's author must fix is a ScenarioError; what the wall does
 not allow, an InfeasibleError.
 """
@@ -76,7 +76,7 @@ def build_problem(
     problem = Problem(
         steps=scenario.horizon.steps,
         dt_s=scenario.horizon.dt_s,
-        gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
+        gravity_h=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
         mass_kg=robot.total_mass_kg,
         inertia_b=start_inertia(robot, start, [contacts[i] for i in begin]),
         patch=Patch(contact.patch_k_m, contact.max_normal_N, contact.spine_shear_N, contact.spine_twist_Nm),
@@ -182,7 +182,7 @@ def _contacts(
                 spans = f"{2 * shape.smallest_opening:g}..{2 * slack:g} m"
                 unusable[index, pair] = f"it is {2 * half:g} m wide, the gripper takes {spans}"
                 continue
-            middle = np.array([*cuboids.foot_w_m[index], height])
+            middle = np.array([*cuboids.foot_h_m[index], height])
             normal = cuboids.yaw_rad[index] + pair * np.pi / 2
             axis = np.array([np.cos(normal), np.sin(normal), 0.0])
             slack = hold.size_m[1 - pair] / 2 - contact.patch_radius_m - EDGE_RESERVE_M
@@ -215,7 +215,7 @@ def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
             if low > high or aside < 0 or not 2 * least <= hold.size_m[pair] <= 2 * most:
                 continue
             yaw = cuboids.yaw_rad[index] + pair * np.pi / 2
-            centre = np.array([*cuboids.foot_w_m[index], (low + high) / 2])
+            centre = np.array([*cuboids.foot_h_m[index], (low + high) / 2])
             contact = _contact(scenario, hold, index, pair, False, yaw, centre, most)
             grips.append(Grip(contact, aside, (low, high)))
     return grips
@@ -231,7 +231,7 @@ def _contact(
         pair=pair,
         finger1_face=faces[0],
         yaw_rad=yaw,
-        centre_w_m=centre,
+        centre_h_m=centre,
         separation_m=hold.size_m[pair],
         friction=np.array([hold.friction[face] for face in faces]),
         spines=np.outer([hold.spines[face] for face in faces], [shear_N, shear_N, twist_Nm]),

@@ -47,8 +47,8 @@ class Contact:
     hold: int
     pair: int  # 0: faces +x and -x, 1: +y and -y
     finger1_face: int  # as limb_knot_t: 0 +x, 1 -x, 2 +y, 3 -y
-    yaw_rad: float  # of the gripper in W
-    centre_w_m: Array  # (3,)
+    yaw_rad: float  # of the gripper in H
+    centre_h_m: Array  # (3,)
     separation_m: float
     friction: Array  # (2,) of the faces of fingers 1 and 2
     spines: Array  # (2, 3) most that the spines of each finger hold of (s1, s2, m) by (3); 0 where its face has none
@@ -85,7 +85,7 @@ class Contact:
     @property
     def pose(self) -> Array:
         """(5,) x, y, z, yaw and opening of a gripper that holds on."""
-        return np.array([*self.centre_w_m, self.yaw_rad, self.separation_m / 2])
+        return np.array([*self.centre_h_m, self.yaw_rad, self.separation_m / 2])
 
     @property
     def tangent(self) -> Array:
@@ -103,7 +103,7 @@ class Grip:
 
     def raised(self, by_m: float) -> Grip:
         """The same place so much further off the wall."""
-        contact = replace(self.contact, centre_w_m=self.contact.centre_w_m + np.array([0.0, 0.0, by_m]))
+        contact = replace(self.contact, centre_h_m=self.contact.centre_h_m + np.array([0.0, 0.0, by_m]))
         return replace(self, contact=contact, height_m=(self.height_m[0] + by_m, self.height_m[1] + by_m))
 
 

@@ -118,9 +118,9 @@ def most_turn(problem: WalkProblem, step: Step) -> float:
 def nominal_footholds(problem: WalkProblem, gait: Gait) -> Array:
     """(4 + S, 2): each foot keeps its place relative to the body on the straight way."""
     start, goal = problem.start, problem.goal.body
-    places = list(problem.start_feet_w_m)
+    places = list(problem.start_feet_h_m)
     for step, share in zip(gait.steps, gait.shares, strict=True):
-        offset = problem.start_feet_w_m[step.limb] - start.position_m[:2]
+        offset = problem.start_feet_h_m[step.limb] - start.position_m[:2]
         turned = rotation_z(share * float(goal.rpy_rad[2]))[:2, :2] @ offset
         places.append(start.position_m[:2] + share * (goal.position_m - start.position_m)[:2] + turned)
     return np.array(places)

@@ -20,7 +20,7 @@ def rotation_z(angle_rad: Array | float) -> Array:
 
 
 def rotation_from_rpy(rpy_rad: Array) -> Array:
-    """R(theta) = Rz Ry Rx, W <- B, of roll-pitch-yaw (..., 3), complex too; shape (..., 3, 3)."""
+    """R(theta) = Rz Ry Rx, H <- B, of roll-pitch-yaw (..., 3), complex too; shape (..., 3, 3)."""
     rpy = np.asarray(rpy_rad)
     cr, cp, cy = (np.cos(rpy[..., i]) for i in range(3))
     sr, sp, sy = (np.sin(rpy[..., i]) for i in range(3))

@@ -20,23 +20,23 @@ _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def centres_of_mass(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
-    """Places (n, 3) in W for body poses (n, 6) and grippers (n, 4, 4) upright on the wall: centre and yaw of each."""
-    to_w, limbs = _limbs_in_body(problem, poses, hands)
+    """Places (n, 3) in H for body poses (n, 6) and grippers (n, 4, 4) upright on the wall: centre and yaw of each."""
+    to_h, limbs = _limbs_in_body(problem, poses, hands)
     moment = problem.body_moment_kg_m + np.stack(limbs.first_moment(), axis=-1).sum(axis=0)
-    return np.asarray(poses[:, :3] + np.einsum("kij,kj->ki", to_w, moment / problem.mass_kg))
+    return np.asarray(poses[:, :3] + np.einsum("kij,kj->ki", to_h, moment / problem.mass_kg))
 
 
 def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array, dt_s: float) -> Array:
     """Where (K, 2) on z = 0 the ground's force passes with no moment along it, for poses (K, 6) and grippers (K, 4, 4)
     every `dt_s`: every link a point mass with the second difference of its places, at rest at both ends.
     """
-    to_w, limbs = _limbs_in_body(problem, poses, hands)
+    to_h, limbs = _limbs_in_body(problem, poses, hands)
     masses = np.concatenate([np.ravel(mass) for _, _, mass in limbs.links])
     masses = np.append(masses, problem.mass_kg - masses.sum())
     inside = np.concatenate([np.stack(np.broadcast_arrays(*place), axis=-1) for _, place, _ in limbs.links])
     of_body = np.broadcast_to(problem.body_moment_kg_m / masses[-1], inside[:1].shape)
-    places = poses[:, :3] + np.einsum("kij,lkj->lki", to_w, np.concatenate([inside, of_body]))
-    pull = np.full_like(places, -problem.gravity_w)
+    places = poses[:, :3] + np.einsum("kij,lkj->lki", to_h, np.concatenate([inside, of_body]))
+    pull = np.full_like(places, -problem.gravity_h)
     pull[:, 1:-1] += np.diff(places, 2, axis=1) / dt_s**2
     moment = np.einsum("l,lki->ki", masses, np.cross(places, pull))
     return np.asarray(np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (pull[..., 2].T @ masses)[:, None])
@@ -44,14 +44,14 @@ def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array, 
 
 def _limbs_in_body(problem: CentroidalProblem, poses: Array, hands: Array) -> tuple[Array, PlacedLimb]:
     """The body's rotations (n, 3, 3) and, in its frame, all limbs as one: a number of it is an array (4, n)."""
-    to_w = rotation_from_rpy(poses[:, 3:])
+    to_h = rotation_from_rpy(poses[:, 3:])
     numbers = np.array([limb.numbers for limb in problem.limb_masses]).reshape(-1, NUMBERS).T[..., None]
     x, y, z, yaw = np.moveaxis(hands, -1, 0).swapaxes(-1, -2)
     place = np.stack([x, y, z], axis=-1) - poses[:, :3]
     axis = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
-    gripper, along = (_parts(np.einsum("kji,lkj->lki", to_w, v)) for v in (place, axis))
-    up = _parts(to_w[:, 2])
-    return to_w, placed(numbers, in_reach(numbers, gripper, up), up, along)
+    gripper, along = (_parts(np.einsum("kji,lkj->lki", to_h, v)) for v in (place, axis))
+    up = _parts(to_h[:, 2])
+    return to_h, placed(numbers, in_reach(numbers, gripper, up), up, along)
 
 
 def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
@@ -104,7 +104,7 @@ def level_spans(reach: Reach, height_m: tuple[float, float], tilt_rad: float) ->
 def offset_bounds(
     problem: CentroidalProblem, spans: tuple[Array, Array], yaw_rad: float, follow: float = 0.0
 ) -> tuple[Array, Array]:
-    """Bounds (3,), (3,) along W's axes of the centre of mass off the body's origin, less `follow` times where the
+    """Bounds (3,), (3,) along H's axes of the centre of mass off the body's origin, less `follow` times where the
     grippers are off it: for grippers within `spans` (`gripper_spans`) as far as limbs reach, any tilt, headings of up
     to `yaw_rad` to either side.
     """
@@ -153,7 +153,7 @@ def _moment_bounds(
 
 
 def in_heading(low: Array, high: Array, yaw_rad: tuple[float, float]) -> tuple[Array, Array]:
-    """Bounds (3,), (3,) along the axes of a heading within `yaw_rad` of a vector within bounds along W's."""
+    """Bounds (3,), (3,) along the axes of a heading within `yaw_rad` of a vector within bounds along H's."""
     back = rotation_z(-(yaw_rad[0] + yaw_rad[1]) / 2)
     middle, half = back @ (low + high) / 2, np.abs(back) @ (high - low) / 2
     return yawed_bounds(middle - half, middle + half, (yaw_rad[1] - yaw_rad[0]) / 2)

@@ -1,4 +1,4 @@
-"""What climbs and walks read from a scenario alike: poses in the heading frame, bounds of the body, weights of J."""
+"""What climbs and walks read from a scenario alike: poses in the heading frame H, bounds of the body, weights of J."""
 
 import math
 

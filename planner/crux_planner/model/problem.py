@@ -1,6 +1,6 @@
 """P1 of one scenario in numbers: everything the search and the NLP need, SI units, limbs LF, RF, LR, RR.
 
-`w` in names is the heading frame, W turned about its z so that the body starts with yaw 0 (see model/build.py).
+`h` in names is the heading frame H: W turned about its z so that the body starts with yaw 0 (see model/build.py).
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Weights:
 
 @dataclass(frozen=True)
 class Pose:
-    """Body pose in W."""
+    """Body pose in H."""
 
     position_m: Array
     rpy_rad: Array
@@ -107,7 +107,7 @@ class CentroidalProblem:
 
     steps: int  # N
     dt_s: float
-    gravity_w: Array
+    gravity_h: Array
     mass_kg: float
     inertia_b: Array  # about the centre of mass, in the posture of the start
     limb_masses: tuple[LimbMasses, ...]
@@ -117,7 +117,7 @@ class CentroidalProblem:
     boxes: Reach  # (9a) of grippers or foot points
     body: BodyBounds
     weights: Weights
-    heading_rad: float  # of this frame in W
+    heading_rad: float  # of H in W
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,8 +149,8 @@ class Problem(CentroidalProblem):
 
     @property
     def weight_N(self) -> Array:
-        """M g in W."""
-        return self.mass_kg * self.gravity_w
+        """M g in H."""
+        return self.mass_kg * self.gravity_h
 
     @property
     def gripper_height_m(self) -> tuple[float, float]:
@@ -206,10 +206,10 @@ def turned_problem(problem: Problem, yaw_rad: float) -> Problem:
     def pose(given: Pose) -> Pose:
         return Pose(to @ given.position_m, given.rpy_rad - np.array([0.0, 0.0, yaw_rad]))
 
-    contacts = [replace(c, centre_w_m=to @ c.centre_w_m, yaw_rad=c.yaw_rad - yaw_rad) for c in problem.contacts]
+    contacts = [replace(c, centre_h_m=to @ c.centre_h_m, yaw_rad=c.yaw_rad - yaw_rad) for c in problem.contacts]
     return replace(
         problem,
-        gravity_w=to @ problem.gravity_w,
+        gravity_h=to @ problem.gravity_h,
         contacts=contacts,
         start=pose(problem.start),
         goal=replace(problem.goal, body=pose(problem.goal.body)),

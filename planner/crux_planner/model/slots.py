@@ -137,9 +137,9 @@ class Strides:
         steps = [[Step(limb, 0, max(air, LEAST_AIR)) for air in airs] for limb in range(4)]
         self._longest = np.array([[longest_step(problem, step) for step in own] for own in steps])
         self._turn = np.array([[most_turn(problem, step) for step in own] for own in steps])
-        swings = np.maximum(np.abs(problem.goal_feet_w_m - problem.start_feet_w_m) - FINAL_FOOT_M, 0.0)
+        swings = np.maximum(np.abs(problem.goal_feet_h_m - problem.start_feet_h_m) - FINAL_FOOT_M, 0.0)
         self._way = np.linalg.norm(swings, axis=1)
-        self._usual = np.linalg.norm(problem.goal_feet_w_m - problem.start_feet_w_m, axis=1) - FINAL_FOOT_M / 2
+        self._usual = np.linalg.norm(problem.goal_feet_h_m - problem.start_feet_h_m, axis=1) - FINAL_FOOT_M / 2
         self._goal_turn = abs(float(problem.goal.body.rpy_rad[2]))
 
     def long_enough(self, slots: Slots) -> bool:
@@ -160,7 +160,7 @@ class Strides:
         if np.linalg.norm(straight) <= slack and self._goal_turn <= problem.goal.rotation_slack_rad:
             return 0
         strides = straight / (LONGEST_STRIDE * 2 * problem.boxes.half_m[:2])
-        ranges, longest = problem.foothold_ranges_w_m, LONGEST_STRIDE * 2 * problem.boxes.half_m[0]
+        ranges, longest = problem.foothold_ranges_h_m, LONGEST_STRIDE * 2 * problem.boxes.half_m[0]
         detours = ranges.fewest - 1 + np.ceil(ranges.passing_m / longest)
         return max(1, int(np.ceil(float(strides.max()) - 1e-9)), int(detours.max()))
 
@@ -198,7 +198,7 @@ class Strides:
 
     def _least_air(self, limb: int, steps: int) -> int:
         """Knots in the air that the longest of equal steps to the goal needs."""
-        ranges = self.problem.foothold_ranges_w_m
+        ranges = self.problem.foothold_ranges_h_m
         passing = max(steps - int(ranges.fewest[limb]) + 1, 1)  # steps that lead on past an obstacle
         far = steps * self._longest[limb] >= self._usual[limb]
         far &= passing * self._longest[limb] >= ranges.passing_m[limb]

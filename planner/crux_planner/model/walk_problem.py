@@ -1,4 +1,4 @@
-"""The walking problem in numbers: P1 with point feet on z = 0, in the heading frame (see crux_planner.model.build).
+"""The walking problem in numbers: P1 with point feet on z = 0, in the heading frame H (see crux_planner.model.build).
 
 The gripper stands with both pads on the surface; its frame is one pad radius above the foot point.
 """
@@ -57,9 +57,9 @@ class WalkProblem(CentroidalProblem):
     friction: float  # of the cone a plan may use
     wall_friction: float
     max_normal_N: float  # of a foot
-    start_feet_w_m: Array  # (4, 2)
-    goal_feet_w_m: Array  # (4, 2) under the body at the goal as they are at the start, or beside an obstacle there
-    foothold_ranges_w_m: FootholdRanges  # beside obstacles
+    start_feet_h_m: Array  # (4, 2)
+    goal_feet_h_m: Array  # (4, 2) under the body at the goal as they are at the start, or beside an obstacle there
+    foothold_ranges_h_m: FootholdRanges  # beside obstacles
     cuts: tuple[Cut, ...]
     foot_speed_m_s: float
     paces: tuple[float, float, float, float]  # of each foot, as a share of its speeds
@@ -76,7 +76,7 @@ class WalkProblem(CentroidalProblem):
     def pendulum_s2(self) -> float:
         """By how much the centre of pressure is behind the centre of mass [m] for each m/s^2 of it."""
         height = (self.start.position_m[2] + self.goal.body.position_m[2]) / 2
-        return float(height / -self.gravity_w[2])
+        return float(height / -self.gravity_h[2])
 
     def centres_of_mass(self, poses: Array, feet: Array, yaws: Array) -> Array:
         """Places (K, 3) for body poses (K, 6), feet (K, 4, 3) and their yaws (K, 4)."""
@@ -130,7 +130,7 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
     problem = WalkProblem(
         steps=scenario.horizon.steps,
         dt_s=scenario.horizon.dt_s,
-        gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
+        gravity_h=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
         mass_kg=robot.total_mass_kg,
         inertia_b=composite_inertia(robot, _on_feet(robot, start, feet)),
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
@@ -138,11 +138,11 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         friction=(1.0 - scenario.planner.margins.get("friction", FRICTION_MARGIN)) * scenario.wall.friction,
         wall_friction=scenario.wall.friction,
         max_normal_N=scenario.contact.max_normal_N,
-        start_feet_w_m=feet,
+        start_feet_h_m=feet,
         start=start,
         goal=Goal(goal, scenario.goal.tolerance_m, scenario.goal.tolerance_rad, {}),
-        goal_feet_w_m=np.clip(goal_feet, *ranges.last),
-        foothold_ranges_w_m=ranges,
+        goal_feet_h_m=np.clip(goal_feet, *ranges.last),
+        foothold_ranges_h_m=ranges,
         boxes=boxes,
         cuts=(),
         body=body,
@@ -176,7 +176,7 @@ def _check_start(scenario: Scenario, problem: WalkProblem) -> None:
     """Raise ScenarioError for a start foot beyond its box, InfeasibleError where the surface is too steep to stand."""
     rotation = rotation_from_rpy(problem.start.rpy_rad)
     for limb, name in enumerate(LIMB_NAMES):
-        foot = np.append(problem.start_feet_w_m[limb], 0.0)
+        foot = np.append(problem.start_feet_h_m[limb], 0.0)
         place = rotation.T @ (foot - problem.start.position_m)
         beyond = np.abs(place - problem.boxes.centre_b_m[limb]) - problem.boxes.half_m
         if beyond.max() > 0:
@@ -186,7 +186,7 @@ def _check_start(scenario: Scenario, problem: WalkProblem) -> None:
             text = f"{1000 * beyond[axis]:.0f} mm beyond {PLANNED_REACH}: the foot is at {'xyz'[axis]} = "
             text += f"{place[axis]:.3f} m in the body frame, not within {centre - half:.3f}..{centre + half:.3f} m"
             raise wrong(scenario, f"start.feet.{name}", shown, text)
-    along, across = float(np.linalg.norm(problem.gravity_w[:2])), -float(problem.gravity_w[2])
+    along, across = float(np.linalg.norm(problem.gravity_h[:2])), -float(problem.gravity_h[2])
     if along > problem.friction * max(across, 0.0):
         steep = across <= _UPRIGHT_SHARE * along
         needed = "no friction is enough" if steep else f"standing needs a friction of {along / across:.2f}"

@@ -88,7 +88,7 @@ class Reach:
         return np.asarray(self.extent_m[:, :3].max(axis=0))
 
     def less(self, aside_m: float) -> Reach:
-        """The part in which a gripper stays when it moves by as much along both x and y, of W or any turned about z."""
+        """The part in which a gripper stays when it moves by as much along both x and y, of H or any turned about z."""
         along_wall = np.hypot(self.directions[:, 0], self.directions[:, 1])
         return replace(self, extent_m=self.extent_m - 2**0.5 * aside_m * along_wall)
 

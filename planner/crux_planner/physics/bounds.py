@@ -106,25 +106,25 @@ def foothold_bounds(problem: WalkProblem, gait: Gait) -> tuple[Array, Array] | N
     low, high = (np.zeros((len(limbs), 2)) for _ in range(2))
     for limb in range(4):
         own = np.flatnonzero(limbs == limb)
-        if len(own) or problem.foothold_ranges_w_m.fewest[limb] > 1:
-            ranges = problem.foothold_ranges_w_m.of_steps(limb, len(own))
+        if len(own) or problem.foothold_ranges_h_m.fewest[limb] > 1:
+            ranges = problem.foothold_ranges_h_m.of_steps(limb, len(own))
             if ranges is None:
                 return None
             low[own], high[own] = ranges
     last = {step.limb: i for i, step in enumerate(gait.steps)}
     for limb in range(4):
-        wanted = problem.goal_feet_w_m[limb]
+        wanted = problem.goal_feet_h_m[limb]
         if limb in last:
             low[last[limb]] = np.maximum(low[last[limb]], wanted - FINAL_FOOT_M)
             high[last[limb]] = np.minimum(high[last[limb]], wanted + FINAL_FOOT_M)
-        elif np.abs(problem.start_feet_w_m[limb] - wanted).max() > FINAL_FOOT_M:
+        elif np.abs(problem.start_feet_h_m[limb] - wanted).max() > FINAL_FOOT_M:
             return None
     return None if (low > high).any() else (low, high)
 
 
 def least_load_N(problem: WalkProblem) -> float:
     """Normal force of a foot in stance."""
-    return -problem.profile.least_share * problem.mass_kg * float(problem.gravity_w[2])
+    return -problem.profile.least_share * problem.mass_kg * float(problem.gravity_h[2])
 
 
 def step_polygon(problem: WalkProblem, step: Step, begin: Array, end: Array) -> tuple[Array, Array]:
@@ -143,7 +143,7 @@ def step_rows(rows: Rows, problem: WalkProblem, gait: Gait, footholds: Array, at
         normals, most = step_polygon(problem, step, footholds[before], footholds[4 + j])
         rows.dense(0, at_h + 2 * j + np.arange(2), normals)
         if before < 4:
-            most = most + normals @ problem.start_feet_w_m[before]
+            most = most + normals @ problem.start_feet_h_m[before]
         else:
             rows.dense(0, at_h + 2 * (before - 4) + np.arange(2), -normals)
         last[step.limb] = 4 + j

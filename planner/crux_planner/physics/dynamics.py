@@ -1,4 +1,4 @@
-"""Equations (8a) and (8b): centroidal dynamics, explicit Euler, W-frame forces on the robot positive.
+"""Equations (8a) and (8b): centroidal dynamics, explicit Euler, H-frame forces on the robot positive.
 
 Moments are about the centre of mass c of the whole robot, limbs counted, which follows from the poses of body and
 grippers; c accelerates as the body's origin does.
@@ -19,7 +19,7 @@ WRENCH_INPUTS = 5  # q = (s1, s2, m, n1, n2) of one gripper, see physics.limit_s
 
 
 def rotation(theta: Any) -> Any:
-    """R(theta), W <- B, intrinsic z-y-x (casadi)."""
+    """R(theta), H <- B, intrinsic z-y-x (casadi)."""
     cr, sr, cp, sp, cy, sy = (f(theta[i]) for i in range(3) for f in (ca.cos, ca.sin))
     return ca.vertcat(
         ca.horzcat(cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
@@ -36,7 +36,7 @@ def euler_rates(theta: Any, omega_b: Any) -> Any:
 
 
 def gripper_wrench(q: Any, centre: Any, normal: Any, tangent: Any) -> tuple[Any, Any]:
-    """Equation (13) with (4): force, and moment about W's origin, of one gripper (casadi).
+    """Equation (13) with (4): force, and moment about H's origin, of one gripper (casadi).
 
     With f1 = n1 e + s and f2 = -n2 e + s at c + (d/2) e and c - (d/2) e the opening d drops out: the moment is
     c x (f1 + f2) + 2 m e.
@@ -52,7 +52,7 @@ def next_pose(x: Any, dt: float) -> Any:
 
 
 def centre_of_mass(problem: CentroidalProblem, x: Any, hands: list[Any]) -> Any:
-    """(3,) in W for a body state and the grippers (x, y, z, yaw) (casadi)."""
+    """(3,) in H for a body state and the grippers (x, y, z, yaw) (casadi)."""
     to_b, moment = rotation(x[3:6]).T, ca.DM(problem.body_moment_kg_m)
     for limb, hand in zip(problem.limb_masses, hands, strict=True):
         axis = ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
@@ -76,10 +76,10 @@ def on_feet(problem: WalkProblem, feet: Any, yaws: Any) -> list[Any]:
 
 
 def euler_step(x: Any, force: Any, moment_origin: Any, centre: Any, p: CentroidalProblem) -> Any:
-    """The body state one step on, from the total force and its moment about W's origin; `centre` is that of mass."""
+    """The body state one step on, from the total force and its moment about H's origin; `centre` is that of mass."""
     v, omega = x[6:9], x[9:12]
     moment = rotation(x[3:6]).T @ (moment_origin - ca.cross(centre, force))
-    acceleration = force / p.mass_kg + p.gravity_w
+    acceleration = force / p.mass_kg + p.gravity_h
     angular = np.linalg.inv(p.inertia_b) @ (moment - ca.cross(omega, p.inertia_b @ omega))
     return ca.vertcat(next_pose(x, p.dt_s), v + p.dt_s * acceleration, omega + p.dt_s * angular)
 

@@ -105,25 +105,25 @@ def cone_demand(wrench: Any, spine_share: Any, k_m: float) -> Any:
     return ca.sqrt(rest[0] ** 2 + rest[1] ** 2 + (rest[2] / k_m) ** 2 + SMOOTHING_N**2)
 
 
-def finger_forces(q: Array, normal_w: Array, tangent_w: Array) -> tuple[Array, Array]:
+def finger_forces(q: Array, normal_h: Array, tangent_h: Array) -> tuple[Array, Array]:
     """Forces (..., 2, 3) and moments on the robot of finger 1 (at +e) and 2 (at -e) for q = (s1, s2, m, n1, n2).
 
-    `normal_w` (..., 3) is e, the outward normal of finger 1's face; the shear axes are `tangent_w` and W's z.
+    `normal_h` (..., 3) is e, the outward normal of finger 1's face; the shear axes are `tangent_h` and H's z.
     """
     s1, s2, twist, n1, n2 = np.moveaxis(np.asarray(q)[..., None], -2, 0)
-    shear = s1 * tangent_w + s2 * np.array([0.0, 0.0, 1.0])
-    forces = np.stack([n1 * normal_w + shear, -n2 * normal_w + shear], axis=-2)
-    return forces, np.stack([twist * normal_w] * 2, axis=-2)
+    shear = s1 * tangent_h + s2 * np.array([0.0, 0.0, 1.0])
+    forces = np.stack([n1 * normal_h + shear, -n2 * normal_h + shear], axis=-2)
+    return forces, np.stack([twist * normal_h] * 2, axis=-2)
 
 
-def finger_inputs(force_w: Array, moment_w: Array, yaw_rad: Array) -> Array:
+def finger_inputs(force_h: Array, moment_h: Array, yaw_rad: Array) -> Array:
     """q = (s1, s2, m, n1, n2), shape (..., 5), of fingers' forces and moments (..., 2, 3): `finger_forces` undone.
 
     `yaw_rad` (...) is that of the gripper: its opening axis e is at this angle from the frame's x.
     """
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    first, second = force_w[..., 0, :], force_w[..., 1, :]
+    first, second = force_h[..., 0, :], force_h[..., 1, :]
     shear = c * first[..., 1] - s * first[..., 0]
-    twist = c * moment_w[..., 0, 0] + s * moment_w[..., 0, 1]
+    twist = c * moment_h[..., 0, 0] + s * moment_h[..., 0, 1]
     press = [sign * (c * f[..., 0] + s * f[..., 1]) for sign, f in ((1.0, first), (-1.0, second))]
     return np.stack([shear, first[..., 2], twist, *press], axis=-1)

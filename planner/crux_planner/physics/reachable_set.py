@@ -25,7 +25,7 @@ class ReachableSet:
         reserve, fixed = problem.reach_reserve_m, fixed or problem.turns
         self.shape = turned(problem.boxes, 0.0, reserve) if fixed else between(problem, reserve)
         self._spread: Array = np.abs(problem.boxes.directions).sum(axis=1)  # of a cube of half edge 1
-        centres = np.stack([c.centre_w_m for c in problem.contacts])
+        centres = np.stack([c.centre_h_m for c in problem.contacts])
         bounds = body_positions(centres[:, None], self.shape)
         self.low, self.high = (np.ascontiguousarray(b.swapaxes(0, 1)) for b in bounds)  # (4, C, m)
         self.low[..., 2] = np.maximum(self.low[..., 2], problem.body.height_m[0])

@@ -28,7 +28,7 @@ def steady_speed(contacts: Sequence[Contact], weight_N: Array, dt_s: float, held
     slippery = [g.slippery for g in grips]
     if not any(slippery):
         return float(np.inf)
-    places = np.stack([g.centre_w_m for g in grips])
+    places = np.stack([g.centre_h_m for g in grips])
     places -= places.mean(axis=0)
     about = (places**2).sum() * np.eye(3) - places.T @ places
     turn = np.linalg.pinv(about) @ skews(weight_N)

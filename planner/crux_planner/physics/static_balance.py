@@ -22,7 +22,7 @@ class StaticBalance:
 
     def __init__(self, problem: Problem, margin: float) -> None:
         self.problem, self.margin = problem, margin
-        self.maps = np.stack([static_map(c.centre_w_m, c.axis, c.tangent) for c in problem.contacts])  # (C, 6, 4)
+        self.maps = np.stack([static_map(c.centre_h_m, c.axis, c.tangent) for c in problem.contacts])  # (C, 6, 4)
         self.directions, self.reach = polytope_directions(problem.patch.k_m)
         self.limits = [finger_limits(c.grip_friction, margin * c.spines) for c in problem.contacts]
         # Of both fingers in all directions, (C, 2, 26): load borne a newton of normal force, and what spines hold.
@@ -31,7 +31,7 @@ class StaticBalance:
         self.max_normal_N = margin * problem.patch.max_normal_N
         # Most that fingers 1 and 2 may press: bounds of the net force F along the axis, up and down.
         self.press_N = self.max_normal_N * np.array([c.may_press for c in problem.contacts])
-        self.centres = np.stack([c.centre_w_m for c in problem.contacts])  # (C, 3)
+        self.centres = np.stack([c.centre_h_m for c in problem.contacts])  # (C, 3)
         self._follow, self._rest = linear_centre(problem)
 
     def mean_place(self, contacts: tuple[int, ...]) -> Array:
@@ -39,14 +39,14 @@ class StaticBalance:
         mean: Array = self.centres[list(contacts)].mean(axis=0)
         return mean
 
-    def centre(self, grippers: Array, to_w: Array = _LEVEL) -> tuple[Array, Array]:
-        """(3, 3) A and (3,) b: the centre of mass of a body at r, its axes turned by `to_w`, is at A @ r + b where its
+    def centre(self, grippers: Array, to_h: Array = _LEVEL) -> tuple[Array, Array]:
+        """(3, 3) A and (3,) b: the centre of mass of a body at r, its axes turned by `to_h`, is at A @ r + b where its
         grippers' mean place is `grippers` (3,).
         """
-        follow = to_w @ self._follow @ to_w.T
-        return np.eye(3) - follow, follow @ grippers + to_w @ self._rest
+        follow = to_h @ self._follow @ to_h.T
+        return np.eye(3) - follow, follow @ grippers + to_h @ self._rest
 
-    def weight(self, grippers: Array, to_w: Array = _LEVEL) -> tuple[Array, Array]:
+    def weight(self, grippers: Array, to_h: Array = _LEVEL) -> tuple[Array, Array]:
         """(6, 3) A and (6,) b: in balance, A @ r and the grippers' forces and moments about the origin sum to b."""
-        (moved, still), turn = self.centre(grippers, to_w), skews(self.problem.weight_N)
+        (moved, still), turn = self.centre(grippers, to_h), skews(self.problem.weight_N)
         return np.vstack([np.zeros((3, 3)), -turn @ moved]), np.append(-self.problem.weight_N, turn @ still)

@@ -21,7 +21,7 @@ def joint_torques() -> ca.Function:
     """(numbers, pose, centre, axis, force, moment, gravity) -> torques (6,) [Nm] of a limb with LimbMasses' `numbers`
     (36) at a body pose (6), its gripper at `centre` with opening axis `axis`, upright on the wall.
 
-    `force` and `moment` act on the robot at the gripper's centre; all in W (casadi).
+    `force` and `moment` act on the robot at the gripper's centre; all in H (casadi).
     """
     numbers, pose = ca.SX.sym("numbers", NUMBERS), ca.SX.sym("pose", 6)
     names = ("centre", "axis", "force", "moment", "gravity")

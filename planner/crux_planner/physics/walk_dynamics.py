@@ -23,5 +23,5 @@ def defects(problem: WalkProblem, body: Array, feet: Array, yaws: Array, forces:
     turned = np.einsum("kba,kb->ka", rotation_from_rpy(theta), moment)
     inertia = problem.inertia_b
     spin = np.linalg.solve(inertia, (turned - np.cross(omega, omega @ inertia.T)).T).T
-    rates = [now[:, 6:9], euler_rates(theta, omega), forces.sum(axis=1) / problem.mass_kg + problem.gravity_w, spin]
+    rates = [now[:, 6:9], euler_rates(theta, omega), forces.sum(axis=1) / problem.mass_kg + problem.gravity_h, spin]
     return np.asarray(body[1:] - now - dt * np.concatenate(rates, axis=1))

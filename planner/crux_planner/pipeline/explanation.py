@@ -25,7 +25,7 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
     rotation = rotation_from_rpy(problem.start.rpy_rad)
     for limb, name in enumerate(LIMB_NAMES):
         contact = problem.contacts[problem.start_contacts[limb]]
-        place = rotation.T @ (contact.centre_w_m - problem.start.position_m)
+        place = rotation.T @ (contact.centre_h_m - problem.start.position_m)
         widest = problem.limb_reach.inner
         lacking = min(float(reach.beyond(limb, place).max()) for reach in (problem.boxes, widest))
         if lacking > 0:
@@ -60,7 +60,7 @@ def _outside_m(scenario: Scenario, problem: Problem, limb: int) -> float:
     hold, radius = scenario.holds[grasp.hold], scenario.contact.patch_radius_m
     aside = max(hold.size_m[1 - grasp.pair] / 2 - radius, 0.0)
     ends = itertools.product((-aside, aside), (radius, hold.size_m[2] - radius))
-    places = [[*(grasp.centre_w_m + side * grasp.tangent)[:2], z + outer.above_m] for side, z in ends]
+    places = [[*(grasp.centre_h_m + side * grasp.tangent)[:2], z + outer.above_m] for side, z in ends]
     along = (np.array(places) - start.position_m) @ rotation_from_rpy(start.rpy_rad) @ outer.directions.T
     off, extent = along - outer.middle_m[limb], outer.extent_m[limb]
     return float(np.maximum(off.min(axis=0) - extent, -off.max(axis=0) - extent).max())
@@ -86,7 +86,7 @@ def level_stance_at_goal(problem: Problem, robot: Robot) -> Stance | None:
     The body is looked at in the middle of the goal's tolerance and at the corners of a cube in it.
     """
     goal = problem.goal
-    centres = np.stack([c.centre_w_m for c in problem.contacts])
+    centres = np.stack([c.centre_h_m for c in problem.contacts])
     yaws = np.array([c.yaw_rad for c in problem.contacts]) - goal.body.rpy_rad[2]
     holds = np.array([c.hold for c in problem.contacts])
     corners = np.array([[0.0] * 3, *itertools.product((-1.0, 1.0), repeat=3)])

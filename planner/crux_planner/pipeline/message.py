@@ -1,4 +1,4 @@
-"""From a solution to the plan message (crux_msgs.plan_t), turned back from the heading frame to W."""
+"""From a solution to the plan message (crux_msgs.plan_t), turned back from the heading frame H to W."""
 
 from __future__ import annotations
 

@@ -69,13 +69,13 @@ class RemainingPlan:
 def read_remaining(problem: Problem, running: Any, first: int) -> RemainingPlan | None:
     """A running plan from knot `first` on, None where a grasp of it is none of the problem's.
 
-    `problem` starts in that knot's stance, in the heading frame of the plan's wall.
+    `problem` starts in that knot's stance, in the heading frame H of the plan's wall.
     """
     knots = running.knots[first:]
-    to_frame = rotation_z(-problem.heading_rad)
+    to_h = rotation_z(-problem.heading_rad)
     poses = np.zeros((len(knots), 4, 5))
     limbs = [limb for knot in knots for limb in knot.limbs]
-    poses[..., :3] = _numbers(limbs, "gripper_position_w_m").reshape(-1, 4, 3) @ to_frame.T
+    poses[..., :3] = _numbers(limbs, "gripper_position_w_m").reshape(-1, 4, 3) @ to_h.T
     poses[..., 3] = _numbers(limbs, "gripper_yaw_w_rad").reshape(-1, 4) - problem.heading_rad
     poses[..., 4] = _numbers(limbs, "finger_separation_m").reshape(-1, 4) / 2
     contacts = _contacts(problem, running, knots, poses)
@@ -83,15 +83,15 @@ def read_remaining(problem: Problem, running: Any, first: int) -> RemainingPlan 
         return None
     body = np.concatenate(
         [
-            _numbers(knots, "body_position_w_m") @ to_frame.T,
+            _numbers(knots, "body_position_w_m") @ to_h.T,
             _numbers(knots, "body_rpy_rad") - np.array([0.0, 0.0, problem.heading_rad]),
-            _numbers(knots, "body_velocity_w_m_s") @ to_frame.T,
+            _numbers(knots, "body_velocity_w_m_s") @ to_h.T,
             _numbers(knots, "body_angular_velocity_b_rad_s"),
         ],
         axis=1,
     )
-    force = _numbers(limbs, "finger_force_w_n").reshape(-1, 4, 2, 3) @ to_frame.T
-    moment = _numbers(limbs, "finger_moment_w_nm").reshape(-1, 4, 2, 3) @ to_frame.T
+    force = _numbers(limbs, "finger_force_w_n").reshape(-1, 4, 2, 3) @ to_h.T
+    moment = _numbers(limbs, "finger_moment_w_nm").reshape(-1, 4, 2, 3) @ to_h.T
     inputs = finger_inputs(force, moment, poses[..., 3])
     wrenches = [{limb: inputs[k, limb] for limb in range(4) if now[limb] is not None} for k, now in enumerate(contacts)]
     schedule = Schedule(_moves(contacts, body), contacts, poses)

@@ -329,4 +329,4 @@ def longest(problem: Problem, moves: list[Move]) -> tuple[int, int] | None:
     contacts = problem.contacts
     if not pairs:
         return None
-    return max(pairs, key=lambda p: float(abs(contacts[p[1]].centre_w_m - contacts[p[0]].centre_w_m).sum()))
+    return max(pairs, key=lambda p: float(abs(contacts[p[1]].centre_h_m - contacts[p[0]].centre_h_m).sum()))

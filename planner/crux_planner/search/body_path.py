@@ -84,11 +84,11 @@ def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedu
     qp = SparseQp()
     reserve = min(problem.reach_reserve_m, problem.reach_reserve_m / 2)
     if schedule.yaw_rad is None:
-        shape, to_w = between(problem, reserve), rotation_z(np.zeros(len(schedule.poses)))
+        shape, to_h = between(problem, reserve), rotation_z(np.zeros(len(schedule.poses)))
     else:
-        shape, to_w = turned(problem.boxes, 0.0, reserve), rotation_z(schedule.yaw_rad)
-        to_w[-1] = rotation_from_rpy(problem.goal.body.rpy_rad)
-    grippers = schedule.poses[..., :3] @ to_w  # along the body's axes, knot by knot
+        shape, to_h = turned(problem.boxes, 0.0, reserve), rotation_z(schedule.yaw_rad)
+        to_h[-1] = rotation_from_rpy(problem.goal.body.rpy_rad)
+    grippers = schedule.poses[..., :3] @ to_h  # along the body's axes, knot by knot
     lows, highs = body_positions(grippers, shape)
     low, high = lows.max(axis=1), highs.min(axis=1)  # (N + 1, m)
     low[:, 2] = np.maximum(low[:, 2], problem.body.height_m[0])
@@ -99,9 +99,9 @@ def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedu
     low, high = low - tilt_slack, high + tilt_slack
     first, last, slack = problem.start.position_m, problem.goal.body.position_m, problem.goal.aim_m
     low[:2, 3:], high[:2, 3:] = -_ANYWHERE_M, _ANYWHERE_M
-    low[:2, :3], high[:2, :3] = first @ to_w[0], first @ to_w[0]  # at rest in knot 0: knot 1 is the same
-    low[-1, :3] = np.maximum(low[-1, :3], last @ to_w[-1] - slack)
-    high[-1, :3] = np.minimum(high[-1, :3], last @ to_w[-1] + slack)
+    low[:2, :3], high[:2, :3] = first @ to_h[0], first @ to_h[0]  # at rest in knot 0: knot 1 is the same
+    low[-1, :3] = np.maximum(low[-1, :3], last @ to_h[-1] - slack)
+    high[-1, :3] = np.minimum(high[-1, :3], last @ to_h[-1] + slack)
     if (low > high).any():
         return None
     path: list[Indices] = []
@@ -109,11 +109,11 @@ def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedu
     grips: list[dict[int, Indices]] = []
     for k in range(problem.steps):
         on = {limb: c for limb in range(4) if (c := schedule.contacts[k][limb]) is not None}
-        at = (low[k], high[k]), tuple(on.values()), means[k], to_w[k]
+        at = (low[k], high[k]), tuple(on.values()), means[k], to_h[k]
         position, wrenches = _position(qp, equilibrium, *at, problem.weights.wrench)
         path.append(position)
         grips.append(dict(zip(on, wrenches, strict=True)))
-    path.append(within(qp, problem.boxes, low[-1], high[-1], to_w[-1]))
+    path.append(within(qp, problem.boxes, low[-1], high[-1], to_h[-1]))
     _add_cost(qp, problem, schedule, path)
     solution = qp.solve()
     if solution is None:
@@ -139,11 +139,11 @@ def _position(
     bounds: tuple[Array, Array],
     support: tuple[int, ...],
     grippers: Array,
-    to_w: Array,
+    to_h: Array,
     comfort: float = _COMFORT,
 ) -> tuple[Indices, list[Indices]]:
     """Add a body position in balance on `support`, grippers' mean place `grippers`; its variables and the wrenches'."""
-    position = within(qp, equilibrium.problem.boxes, *bounds, to_w)
+    position = within(qp, equilibrium.problem.boxes, *bounds, to_h)
     bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N])
     wrenches, support = [], equilibrium.bearing(support)
     for contact in support:
@@ -154,18 +154,18 @@ def _position(
         wrenches.append(index)
     maps = np.concatenate([equilibrium.maps[c] for c in support], axis=1)
     columns = np.concatenate([*[w[:4] for w in wrenches], position])
-    body, right = equilibrium.weight(grippers, to_w)
+    body, right = equilibrium.weight(grippers, to_h)
     qp.equal(np.hstack([maps, body]), columns, right)
     return position, wrenches
 
 
-def within(qp: SparseQp, reach: Reach, low: Array, high: Array, to_w: Array) -> Indices:
-    """Add a position between bounds (m,) along directions that `to_w` (3, 3) turns to W; its variables' numbers."""
-    level = (to_w == np.eye(3)).all()
+def within(qp: SparseQp, reach: Reach, low: Array, high: Array, to_h: Array) -> Indices:
+    """Add a position between bounds (m,) along directions that `to_h` (3, 3) turns to H; its variables' numbers."""
+    level = (to_h == np.eye(3)).all()
     ends = (low[:3], high[:3]) if level else (np.full(3, -_ANYWHERE_M), np.full(3, _ANYWHERE_M))
     position = qp.variables(*ends)
     some = slice(3 if level else 0, len(low))
     if some.start < len(low):
-        rows = reach.directions[some] @ to_w.T
+        rows = reach.directions[some] @ to_h.T
         qp.below(np.vstack([rows, -rows]), position, np.concatenate([high[some], -low[some]]))
     return position

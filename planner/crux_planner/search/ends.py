@@ -68,7 +68,7 @@ def _unit_balls(count: int) -> Array:
 
 def _reached(problem: Problem, position: Array, rpy: Array) -> Flags:
     """(n, 4, C) whether (9a) holds for each contact at body poses (n, 3), (n, 3)."""
-    centres = np.stack([c.centre_w_m for c in problem.contacts])
+    centres = np.stack([c.centre_h_m for c in problem.contacts])
     place = (centres - position[:, None]) @ rotation_from_rpy(rpy)  # (n, C, 3)
     return np.stack([(problem.boxes.beyond(limb, place) <= -_RESERVE_M).all(axis=2) for limb in range(4)], axis=1)
 
@@ -97,8 +97,8 @@ def clear_start(problem: Problem, swings: SwingCache) -> Stance | None:
         for i, c in enumerate(problem.contacts):
             if (c.hold, c.finger1_face, c.spines_only) != (wanted.hold, wanted.finger1_face, wanted.spines_only):
                 continue
-            place = rotation.T @ (c.centre_w_m - problem.start.position_m)
-            aside = float(np.linalg.norm(c.centre_w_m - wanted.centre_w_m))
+            place = rotation.T @ (c.centre_h_m - problem.start.position_m)
+            aside = float(np.linalg.norm(c.centre_h_m - wanted.centre_h_m))
             if c.yaw_rad == wanted.yaw_rad and (problem.boxes.beyond(limb, place) <= 0.0).all():
                 near.append((aside, i))
         options.append(near)

@@ -103,7 +103,7 @@ class StaticEquilibrium(StaticBalance):
         limits, bounds, wrench_low, wrench_high = self._limits(support)
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
         low, high = np.concatenate([low[:3], wrench_low]), np.concatenate([high[:3], wrench_high])
-        middle = np.mean([self.problem.contacts[c].centre_w_m for c in support], axis=0)
+        middle = np.mean([self.problem.contacts[c].centre_h_m for c in support], axis=0)
         about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skews(middle), np.eye(3)]])
         about_middle[3:] /= MOMENT_ARM_M
         matrix, right = self._balance(support, grippers)

@@ -49,11 +49,11 @@ class View:
     equilibrium: TorqueLimits
     usable: Flags  # (4, C) contacts that a limb may use and that are within its gripper's range of yaw
 
-    def to_w(self, position: Array) -> Array:
+    def to_h(self, position: Array) -> Array:
         """From the view's axes."""
         return np.asarray(rotation_z(self.yaw_rad) @ position)
 
-    def from_w(self, position: Array) -> Array:
+    def from_h(self, position: Array) -> Array:
         """To the view's axes."""
         return np.asarray(rotation_z(-self.yaw_rad) @ position)
 
@@ -73,7 +73,7 @@ class HeadingSearch:
         self.begin, self.end = SPARE_HEADINGS, SPARE_HEADINGS + count
         self._speeds: dict[Contacts, float] = {}
         self.turn_knots = abs(step) / (TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s)
-        self.centres = np.stack([c.centre_w_m for c in problem.contacts])
+        self.centres = np.stack([c.centre_h_m for c in problem.contacts])
         self.holds = np.array([c.hold for c in problem.contacts])
         self.grips = np.array([2 * c.hold + c.pair for c in problem.contacts])
         yaws = np.array([c.yaw_rad for c in problem.contacts])
@@ -168,7 +168,7 @@ class HeadingSearch:
             return steps
         for limb in self.problem.may_move(stance):
             support = tuple(c for other, c in enumerate(stance) if other != limb)
-            if view.equilibrium.by_friction(support, *bounds, view.from_w(body), stance) is None:
+            if view.equilibrium.by_friction(support, *bounds, view.from_h(body), stance) is None:
                 continue
             others = [other for other in range(4) if other != limb]
             low = view.reach.low[others, list(support)].max(axis=0)
@@ -189,7 +189,7 @@ class HeadingSearch:
         landing = view.reach.of(stance)
         if landing is None or not all(view.usable[range(4), stance]):
             return None
-        wanted = clipped(view.from_w(self.problem.goal.body.position_m), *landing)
+        wanted = clipped(view.from_h(self.problem.goal.body.position_m), *landing)
         if step.limb is None:
             return None if view.equilibrium.by_friction(stance, *landing, wanted) is None else (None, cost)
         before, limb = step.before[0], step.limb
@@ -198,7 +198,7 @@ class HeadingSearch:
             return None
         bounds = view.reach.of(before)
         assert bounds is not None
-        body = view.from_w(step.body)
+        body = view.from_h(step.body)
         lift_off = view.equilibrium.position(support, *bounds, body, before)
         if lift_off is None:
             return None
@@ -212,7 +212,7 @@ class HeadingSearch:
         cost += max(0.0, extra - float(self.least_cost[before[limb], stance[limb]]))
         for way, speed in ((lift_off - body, self._speed_m_s(before)), (touch_down - lift_off, slow)):
             cost += float(np.abs(way).max()) / (speed * self.problem.dt_s)  # knots, where the body must be slow
-        move = Move(before, stance, (limb,), view.to_w(lift_off), view.to_w(touch_down), view.yaw_rad)
+        move = Move(before, stance, (limb,), view.to_h(lift_off), view.to_h(touch_down), view.yaw_rad)
         return move, cost
 
     def _speed_m_s(self, held: Contacts) -> float:
@@ -228,7 +228,7 @@ class HeadingSearch:
         view, goal = self.views[heading], self.problem.goal
         if heading != self.end or not self.ends[range(4), stance].all():
             return False
-        place, slack = view.from_w(goal.body.position_m), goal.position_slack_m
+        place, slack = view.from_h(goal.body.position_m), goal.position_slack_m
         return view.equilibrium.position(stance, place - slack, place + slack, place) is not None
 
     def _trace(self, parent: dict[State, tuple[State, Move | None]], state: State) -> list[Move]:
@@ -242,7 +242,7 @@ class HeadingSearch:
 
 @dataclass(frozen=True)
 class _Step:
-    """A limb goes on, or (limb None) the body turns; `body` is where it was, in W."""
+    """A limb goes on, or (limb None) the body turns; `body` is where it was, in H."""
 
     before: State
     after: State

@@ -215,9 +215,9 @@ class _Improvement:
     def _others(self, limb: int, contact: int, last: bool) -> list[int]:
         contacts = self.problem.contacts
         usable = self.ends[limb] if last else set(self.problem.limb_contacts[limb])
-        place = contacts[contact].centre_w_m
+        place = contacts[contact].centre_h_m
         found = [int(c) for c in self.reach.neighbours(limb, contact) if int(c) in usable and c != contact]
-        return sorted(found, key=lambda c: float(np.abs(contacts[c].centre_w_m - place).sum()))[:_OTHERS]
+        return sorted(found, key=lambda c: float(np.abs(contacts[c].centre_h_m - place).sum()))[:_OTHERS]
 
     def moves(self, steps: Steps) -> list[Move] | None:
         """The steps as moves, None where a way, a reach or the goal is missing."""

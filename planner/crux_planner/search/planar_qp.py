@@ -39,7 +39,7 @@ class FlatQp:
     def __init__(self, problem: WalkProblem) -> None:
         self.problem = problem
         n, dt = problem.steps, problem.dt_s
-        self.across = -float(problem.gravity_w[2])
+        self.across = -float(problem.gravity_h[2])
         self.height = problem.pendulum_s2 * self.across
         self.weight_N = problem.mass_kg * self.across
         k = np.arange(n)
@@ -91,7 +91,7 @@ class FlatQp:
         at_h = at_l + count
         size = at_h + 2 * len(gait.steps)
         whole = gait.blend
-        fixed = whole[:, :, :4] @ problem.start_feet_w_m
+        fixed = whole[:, :, :4] @ problem.start_feet_h_m
         places = nominal_footholds(problem, gait)
         places[4:] = nominal = np.clip(places[4:], *spots)
         weight = 2 * FORCE_SHARE * problem.weights.wrench * self.weight_N**2
@@ -118,7 +118,7 @@ class FlatQp:
         body = values_x[:at_l].reshape(n + 1, 5)
         loads = np.zeros((n, 4))
         loads[k, i] = values_x[at_l:at_h]
-        footholds = np.vstack([problem.start_feet_w_m, values_x[at_h:].reshape(-1, 2)])
+        footholds = np.vstack([problem.start_feet_h_m, values_x[at_h:].reshape(-1, 2)])
         dual = found.multipliers
         pull = dual[:n, None] + np.einsum("kia,ka->ki", (whole @ footholds)[:n], dual[n:].reshape(n, 2))
         worth = np.where(stance, weight / 2 * loads**2, np.minimum(pull, 0.0) ** 2 / (2 * weight))
@@ -144,8 +144,8 @@ class FlatQp:
             found.entries(n + 2 * here + axis, at_h + 2 * which + axis, carried[here, which])
         yaw = np.interp(np.arange(n), *progress(problem, gait)) * float(problem.goal.body.rpy_rad[2])
         neutral = rotation_z(yaw)[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
-        lean = self.height / self.across * problem.gravity_w[:2] + np.einsum("ki,kij->kj", even, blend) @ places[4:]
-        lean += follow * ((whole[:n, :, :4] @ problem.start_feet_w_m).sum(axis=1) - neutral)
+        lean = self.height / self.across * problem.gravity_h[:2] + np.einsum("ki,kij->kj", even, blend) @ places[4:]
+        lean += follow * ((whole[:n, :, :4] @ problem.start_feet_h_m).sum(axis=1) - neutral)
         matrix = found.matrix((3 * n, size), zeros=True).tocsc()
         return matrix, np.concatenate([np.ones(n), lean.ravel()])
 
@@ -158,14 +158,14 @@ class FlatQp:
         return states
 
     def _forces(self, body: Array, loads: Array, stance: Flags) -> Array:
-        lateral = self.problem.mass_kg * (self._second @ body[:, :2] - self.problem.gravity_w[:2])
+        lateral = self.problem.mass_kg * (self._second @ body[:, :2] - self.problem.gravity_h[:2])
         share = stance / stance.sum(axis=1, keepdims=True)
         return np.concatenate([share[..., None] * lateral[:, None], self.weight_N * loads[..., None]], axis=2)
 
     def _cost(self, gait: Gait, body: Array, loads: Array, stance: Flags) -> float:
         """J; the feet in stance share the lateral force."""
         problem, weights = self.problem, self.problem.weights
-        lateral = problem.mass_kg * (self._second @ body[:, :2] - problem.gravity_w[:2])
+        lateral = problem.mass_kg * (self._second @ body[:, :2] - problem.gravity_h[:2])
         squares = self.weight_N**2 * float((loads**2).sum())
         squares += float(((lateral**2).sum(axis=1) / stance.sum(axis=1)).sum())
         total = float((self._pull * (body - self._goal) ** 2).sum())

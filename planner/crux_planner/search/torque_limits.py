@@ -35,7 +35,7 @@ class TorqueLimits(StaticEquilibrium):
         """`limits_Nm` (4, 6): joint torques allowed, usually those of the problem with some slack."""
         super().__init__(problem, margin)
         self.limits_Nm = SLACK * problem.torque_limits_Nm if limits_Nm is None else limits_Nm
-        self.gravity_w = problem.gravity_w
+        self.gravity_h = problem.gravity_h
         self._quadrant = np.sign(problem.boxes.centre_b_m[:, :2])
         self._strong: dict[tuple[Any, ...], Array | None] = {}
 
@@ -43,7 +43,7 @@ class TorqueLimits(StaticEquilibrium):
         """The same for `problem`, which is this one's in turned axes: limbs and motors are the same."""
         other = copy.copy(self)
         StaticEquilibrium.__init__(other, problem, self.margin)
-        other.gravity_w, other._strong = problem.gravity_w, {}
+        other.gravity_h, other._strong = problem.gravity_h, {}
         return other
 
     def within(self, limits_Nm: Array) -> TorqueLimits:
@@ -94,12 +94,12 @@ class TorqueLimits(StaticEquilibrium):
         """(A, b, limit) of every gripper: joint torques A @ (s1, s2, m, F) + b of its limb."""
         given, limits = [], []
         contacts = [self.problem.contacts[index] for index in support]
-        away = np.array([contact.centre_w_m[:2] - place[:2] for contact in contacts])
+        away = np.array([contact.centre_h_m[:2] - place[:2] for contact in contacts])
         for contact, at in zip(contacts, away, strict=True):
             column = away[away[:, 1] * at[1] >= 0.0, 0]
             side = np.where(at >= [column.mean() if len(column) > 1 else 0.0, 0.0], 1.0, -1.0)
             limb = int(np.argmax((self._quadrant == side).all(axis=1)))
-            grip = (place, contact.centre_w_m, contact.axis, contact.tangent, self.gravity_w)
+            grip = (place, contact.centre_h_m, contact.axis, contact.tangent, self.gravity_h)
             given.append(np.concatenate([self.problem.limb_masses[limb].numbers, *grip]))
             limits.append(self.limits_Nm[limb])
         return list(zip(*_torque_map()(np.array(given)), limits, strict=True))

@@ -28,9 +28,9 @@ class LinkClearance:
     def __init__(self, problem: Problem, swings: SwingCache) -> None:
         self.problem, self.swings = problem, swings
         cuboids, shape = problem.cuboids, problem.shape
-        tall = cuboids.top_m > shape.finger_height + min((c.centre_w_m[2] for c in problem.contacts), default=0.0)
+        tall = cuboids.top_m > shape.finger_height + min((c.centre_h_m[2] for c in problem.contacts), default=0.0)
         self.anything = bool(tall.any())  # stands that high
-        self.tall = Cuboids(cuboids.foot_w_m[tall], cuboids.half_m[tall], cuboids.yaw_rad[tall])
+        self.tall = Cuboids(cuboids.foot_h_m[tall], cuboids.half_m[tall], cuboids.yaw_rad[tall])
         self._radii = problem.limb_radii_m
 
     def stance_clear(self, stance: Stance, start: Array, end: Array) -> bool:

@@ -60,15 +60,15 @@ def plan_swing(
     shape: GripperShape,
     limits: SwingLimits,
     *,
-    body_line_w_m: Array | None = None,
+    body_line_h_m: Array | None = None,
     skip: int = 0,
 ) -> Swing | None:
     """The best way found from `start` to `end`, or None where tall cuboids leave none.
 
-    The best way is short and, where there is a choice, on the side of the body, whose path runs along `body_line_w_m`
+    The best way is short and, where there is a choice, on the side of the body, whose path runs along `body_line_h_m`
     (2, 2): there the limb itself keeps off what its gripper goes around. `skip` leaves out the best ones.
     """
-    for corners in _candidate_ways(start, end, cuboids, shape, limits, body_line_w_m):
+    for corners in _candidate_ways(start, end, cuboids, shape, limits, body_line_h_m):
         way = _stations(start, end, corners)
         height = _clear_height(start, end, way, cuboids, shape, limits)
         if height is None:
@@ -76,13 +76,13 @@ def plan_swing(
         if skip > 0:
             skip -= 1
             continue
-        way[:, 2] = max(height, start.centre_w_m[2], end.centre_w_m[2])
+        way[:, 2] = max(height, start.centre_h_m[2], end.centre_h_m[2])
         reach = STEP_SHARE * limits.speed_m_s * limits.dt_s
         turn = STEP_SHARE * limits.yaw_rate_rad_s * limits.dt_s
         steps = np.abs(np.diff(way, axis=0))
         legs = [max(1, int(np.ceil(np.linalg.norm(s[:3]) / reach)), int(np.ceil(s[3] / turn))) for s in steps]
-        rise = max(1, int(np.ceil((way[0, 2] - start.centre_w_m[2]) / reach)))
-        fall = max(1, int(np.ceil((way[-1, 2] - end.centre_w_m[2]) / reach)))
+        rise = max(1, int(np.ceil((way[0, 2] - start.centre_h_m[2]) / reach)))
+        fall = max(1, int(np.ceil((way[-1, 2] - end.centre_h_m[2]) / reach)))
         return Swing(start, end, way, tuple(legs), rise, fall)
     return None
 
@@ -144,7 +144,7 @@ def _candidate_ways(
     start: Contact, end: Contact, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits, body_line: Array | None
 ) -> list[list[Array]]:
     """The straight way, and ways around each cuboid that it meets and cannot pass over, best first."""
-    a, b = start.centre_w_m[:2], end.centre_w_m[:2]
+    a, b = start.centre_h_m[:2], end.centre_h_m[:2]
     swings: list[list[Array]] = [[]]
     tall = np.flatnonzero(cuboids.top_m + limits.clearance_m + HEIGHT_RESERVE_M > limits.max_height_m)
     line = a + np.linspace(0, 1, 21)[:, None] * (b - a)
@@ -157,8 +157,8 @@ def _candidate_ways(
         cosine, sine = np.abs(np.cos(turns)), np.abs(np.sin(turns))
         along, across = (length * cosine + width * sine).max(), (length * sine + width * cosine).max()
         slack = limits.clearance_m + np.array([along, across])
-        to_w = np.array([[c, -s], [s, c]])
-        corners = [cuboids.foot_w_m[v] + to_w @ ((cuboids.half_m[v, :2] + slack) * sign) for sign in _CORNERS]
+        to_h = np.array([[c, -s], [s, c]])
+        corners = [cuboids.foot_h_m[v] + to_h @ ((cuboids.half_m[v, :2] + slack) * sign) for sign in _CORNERS]
         for i in range(4):  # past one corner, or along one side
             swings += [[corners[i]], [corners[i], corners[i - 1]], [corners[i - 1], corners[i]]]
 
@@ -172,7 +172,7 @@ def _candidate_ways(
 
 def _stations(start: Contact, end: Contact, corners: list[Array]) -> Array:
     """Stations (x, y, 0, yaw, opening) above the old grasp, at the corners, above the new grasp."""
-    plan = np.array([start.centre_w_m[:2], *corners, end.centre_w_m[:2]])
+    plan = np.array([start.centre_h_m[:2], *corners, end.centre_h_m[:2]])
     lengths = np.linalg.norm(np.diff(plan, axis=0), axis=1)
     share = np.concatenate([[0.0], np.cumsum(lengths)]) / max(lengths.sum(), 1e-9)
     share[-1] = 1.0

@@ -33,7 +33,7 @@ class SwingCache:
             line, skip = np.stack([pose.position_m[:2] for pose in body]), self._skipped.get(key, 0)
             given = a, b, problem.cuboids, problem.shape, problem.swing
             there = start != end and b.bears
-            self._swings[key] = plan_swing(*given, body_line_w_m=line, skip=skip) if there else None
+            self._swings[key] = plan_swing(*given, body_line_h_m=line, skip=skip) if there else None
         return self._swings[key]
 
     def intervals(self, start: int, end: int) -> int:

@@ -67,7 +67,7 @@ class CentroidalQp:
         self.equations.entries(now, now, -one)
         self.equations.entries(now, then, one)
         self.equations.entries(rate - 6, rate, np.full(rate.shape, -dt))
-        self.right[:, 6:9] += dt * self.problem.gravity_w
+        self.right[:, 6:9] += dt * self.problem.gravity_h
 
     def solve(self, low: Array, high: Array, *, moments: bool, accuracy: float, iterations: int) -> QpSolution | None:
         """The solution between bounds, its multipliers (N, 12) of (8); None where none was found. Without `moments`

@@ -1,6 +1,6 @@
 """What the blocks must agree on: eta = [x; u] at the knots, its copy delta and the scaled dual epsilon of (17).
 
-x: body state, finger positions and gripper yaws; u: finger forces and moments in W. y is not in the consensus, of z
+x: body state, finger positions and gripper yaws; u: finger forces and moments in H. y is not in the consensus, of z
 who is in the air, in P3 alone.
 """
 

@@ -126,7 +126,7 @@ class StageFunctions:
 
     @cached_property
     def _torque_given(self) -> _TorqueGiven:
-        return tuple(self.scale), tuple(self.problem.gravity_w), self.problem.dt_s
+        return tuple(self.scale), tuple(self.problem.gravity_h), self.problem.dt_s
 
     @property
     def torque_values(self) -> Mapped:
@@ -161,10 +161,10 @@ class StageFunctions:
 
 @lru_cache(_WALLS)
 def _torque_values(given: _TorqueGiven) -> Mapped:
-    scale, gravity_w, dt_s = given
+    scale, gravity_h, dt_s = given
     sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS}
     x, q, grasp, numbers = arguments = [ca.SX.sym(*each) for each in sizes.items()]
-    poses, load = (x[:POSE], next_pose(x, dt_s)), (q * np.array(scale), grasp, np.array(gravity_w))
+    poses, load = (x[:POSE], next_pose(x, dt_s)), (q * np.array(scale), grasp, np.array(gravity_h))
     return Mapped("torque_values", arguments, [ca.vertcat(*[held_torques(numbers, pose, *load) for pose in poses])])
 
 
@@ -179,10 +179,10 @@ def _torques(given: _TorqueGiven) -> Mapped:
 @lru_cache(_WALLS)
 def _torque_curvature(given: _TorqueGiven) -> Mapped:
     """Hessian (n, 11, 11) of multipliers (n, 6) times the torques of limbs at body poses (n, 6)."""
-    scale, gravity_w, _ = given
+    scale, gravity_h, _ = given
     sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS, "z": 6}
     pose, q, grasp, numbers, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
-    torques = held_torques(numbers, pose, q * np.array(scale), grasp, np.array(gravity_w))
+    torques = held_torques(numbers, pose, q * np.array(scale), grasp, np.array(gravity_h))
     hessian = ca.hessian(ca.dot(multiplier, torques), ca.vertcat(pose, q))[0]
     return Mapped("torque_curvature", arguments, [hessian])
 

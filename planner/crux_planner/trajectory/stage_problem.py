@@ -57,7 +57,7 @@ class StageProblem:
         contacts = [[problem.contacts[c] if c is not None else None for c in knot] for knot in schedule.contacts[:n]]
         self.stance: Flags = np.array([[c is not None for c in knot] for knot in contacts])
         up = [0.0, 0.0, 0.0, *_AWAY, 0.0, 1.0, 0.0]
-        grasps = [[up if c is None else [*c.centre_w_m, *c.axis, *c.tangent] for c in knot] for knot in contacts]
+        grasps = [[up if c is None else [*c.centre_h_m, *c.axis, *c.tangent] for c in knot] for knot in contacts]
         self.grasps, none = np.array(grasps), np.zeros(2)
         friction = np.array([[none if c is None else c.grip_friction for c in knot] for knot in contacts])
         spiny = np.array([[none if c is None else c.spines.any(axis=1) for c in knot] for knot in contacts])

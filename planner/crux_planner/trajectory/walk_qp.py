@@ -75,7 +75,7 @@ class _About:
         """For the gait's variables."""
         gait = reference.gait
         places, whole = np.argwhere(gait.stance[: problem.steps]), gait.blend
-        fixed = whole[:, :, :4] @ problem.start_feet_w_m
+        fixed = whole[:, :, :4] @ problem.start_feet_h_m
         height = problem.step_height_m * gait.height[..., None]
         feet = np.concatenate([whole @ reference.footholds, height], axis=2)
         yaws = gait.yaw(float(problem.goal.body.rpy_rad[2]))
@@ -121,7 +121,7 @@ class ContactQp:
             return None
         body, forces = found.x[qp.states], np.zeros((problem.steps, 4, 3))
         forces[k, i] = found.x[qp.inputs]
-        footholds = np.vstack([problem.start_feet_w_m, found.x[qp.footholds]])
+        footholds = np.vstack([problem.start_feet_h_m, found.x[qp.footholds]])
         return WalkKnots(gait, body, forces, footholds, problem, walk_cost(problem, gait, body, forces))
 
     def _add_dynamics(self, qp: CentroidalQp, of: _About) -> None:

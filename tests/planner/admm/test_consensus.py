@@ -74,7 +74,7 @@ def test_the_motion_block_keeps_the_dynamics(small: Scene, projected: tuple[Moti
         arms = delta.fingers[k] - centres_of_mass(problem, now[None, :6], hands[None])[0]
         moment = np.cross(arms, delta.forces[k]).sum(axis=0) + delta.moments[k].sum(axis=0)
         np.testing.assert_allclose(then[:3], now[:3] + dt * now[6:9], atol=1e-5)
-        np.testing.assert_allclose(then[6:9], now[6:9] + dt * (force / problem.mass_kg + problem.gravity_w), atol=1e-5)
+        np.testing.assert_allclose(then[6:9], now[6:9] + dt * (force / problem.mass_kg + problem.gravity_h), atol=1e-5)
         omega, inertia = now[9:12], problem.inertia_b
         turned = rotation_from_rpy(now[3:6]).T @ moment - np.cross(omega, inertia @ omega)
         np.testing.assert_allclose(then[9:12], omega + dt * np.linalg.solve(inertia, turned), atol=1e-4)

@@ -31,12 +31,12 @@ def test_binaries_are_counted_as_the_paper_counts_them() -> None:
 def test_the_start_lies_on_its_faces() -> None:
     """Fingers of the start, and nothing else, satisfy the rows of (10a) and (14) at knot 0."""
     scene = paper_scene(parse_scenario(wall(4)), ROBOT)
-    off = np.einsum("ij,ij->i", scene.normal[scene.start_face], scene.start_w_m - scene.centre[scene.start_face])
+    off = np.einsum("ij,ij->i", scene.normal[scene.start_face], scene.start_h_m - scene.centre[scene.start_face])
     np.testing.assert_allclose(off, 0.0, atol=1e-9)
-    aside = np.einsum("iaj,ij->ia", scene.along[scene.start_face], scene.start_w_m - scene.centre[scene.start_face])
+    aside = np.einsum("iaj,ij->ia", scene.along[scene.start_face], scene.start_h_m - scene.centre[scene.start_face])
     assert (np.abs(aside) <= scene.half_m[scene.start_face] + 1e-9).all()
     normals, reaches = scene.boxes
-    beyond = np.einsum("vhj,ij->ivh", normals, scene.start_w_m) - reaches
+    beyond = np.einsum("vhj,ij->ivh", normals, scene.start_h_m) - reaches
     assert (beyond.max(axis=2) >= -1e-9).all()
 
 

@@ -103,7 +103,7 @@ def test_the_motion_block_projects_onto_the_dynamics(problem: WalkProblem) -> No
     delta = motion.project(spoilt, 1.5)
     assert motion.solved
     force = delta.forces.sum(axis=1)
-    wanted = problem.mass_kg * (np.diff(delta.body[:, 6:9], axis=0) / problem.dt_s - problem.gravity_w)
+    wanted = problem.mass_kg * (np.diff(delta.body[:, 6:9], axis=0) / problem.dt_s - problem.gravity_h)
     np.testing.assert_allclose(force, wanted, atol=1e-3)
     np.testing.assert_allclose(np.diff(delta.body[:, :3], axis=0), problem.dt_s * delta.body[:-1, 6:9], atol=1e-6)
 
@@ -117,7 +117,7 @@ def short(problem: WalkProblem) -> WalkProblem:
 def test_a_foots_mip_finds_the_best_of_all_its_steps(short: WalkProblem) -> None:
     mip, limb, random = WalkMip(short, alone=True), 2, np.random.default_rng(4)
     assert len(mip.steps) == 5
-    needed = np.abs(short.goal_feet_w_m - short.start_feet_w_m)[limb].max() - FINAL_FOOT_M
+    needed = np.abs(short.goal_feet_h_m - short.start_feet_h_m)[limb].max() - FINAL_FOOT_M
     costs = random.uniform(-1.0, 1.0, len(mip.steps))
     best = np.inf
     for many in range(4):
@@ -145,7 +145,7 @@ def test_moments_are_not_in_the_mip_of_a_walk(problem: WalkProblem) -> None:
     forces, standing = motion.forces.sum(axis=1), motion.gait.stance[:-1].sum(axis=1)
     assert standing.min() == 2
     inertia = short.mass_kg * np.diff(motion.body[mip.ends, 6:9], axis=0) / (short.dt_s * mip.knots[:, None])
-    np.testing.assert_allclose(forces[mip.ends[:-1]], inertia - short.mass_kg * short.gravity_w, atol=1e-3)
+    np.testing.assert_allclose(forces[mip.ends[:-1]], inertia - short.mass_kg * short.gravity_h, atol=1e-3)
 
 
 def test_the_contact_block_of_a_walk_honours_the_consensus_term(problem: WalkProblem) -> None:
@@ -153,7 +153,7 @@ def test_the_contact_block_of_a_walk_honours_the_consensus_term(problem: WalkPro
     block = WalkSteps(problem, Scales(force=0.0))
     first = block.minimise(1.5, None, later)
     feet = first.eta.fingers[-1]
-    assert (np.abs(feet[:, :2] - problem.goal_feet_w_m) <= FINAL_FOOT_M + 1e-6).all()
+    assert (np.abs(feet[:, :2] - problem.goal_feet_h_m) <= FINAL_FOOT_M + 1e-6).all()
     assert feet[:, 2] == pytest.approx(np.zeros(4))
     target = first.eta + first.eta.times(0.0)
     target.body[5:-5, 1] += 0.01

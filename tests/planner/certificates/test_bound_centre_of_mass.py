@@ -43,7 +43,7 @@ def test_no_pose_has_the_centre_of_mass_elsewhere(heavy: bool) -> None:
         hands = np.zeros((4, 4))
         for limb, (option, groups) in enumerate(zip(nodes.options[nodes.node[pair]], nodes.groups, strict=True)):
             held = None if option == len(groups) else problem.contacts[random.choice(groups[option])]
-            hands[limb] = [*random.uniform(*ends[limb]), 0.3] if held is None else [*held.centre_w_m, held.yaw_rad]
+            hands[limb] = [*random.uniform(*ends[limb]), 0.3] if held is None else [*held.centre_h_m, held.yaw_rad]
         for own, hand in zip(problem.limb_masses, hands, strict=True):
             wrist = hand[:3] + np.array([0.0, 0.0, own.limb.wrist_to_gripper_m]) - r
             length = np.linalg.norm(rotation_from_rpy(rpy).T @ wrist - own.limb.shoulder_b_m)

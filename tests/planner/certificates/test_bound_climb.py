@@ -161,7 +161,7 @@ def test_boxes_hold_every_body_that_reaches_the_grasp() -> None:
         limb, c = int(random.integers(4)), int(random.integers(len(problem.contacts)))
         rpy = random.uniform([-tilt, -tilt, -0.5], [tilt, tilt, 0.5])
         u = boxes.centre_b_m[limb] + boxes.half_m * random.choice([-1.0, 1.0, 0.3], 3)
-        r = problem.contacts[c].centre_w_m - rotation_from_rpy(rpy) @ u
+        r = problem.contacts[c].centre_h_m - rotation_from_rpy(rpy) @ u
         if not problem.body.height_m[0] <= r[2] <= problem.body.height_m[1]:
             continue
         cell = int(np.searchsorted(about.yaw_high, rpy[2]))

@@ -74,7 +74,7 @@ def test_a_walk_costs_more_than_any_prices_say_of_its_own_motion(
     n, body = problem.steps, walk.body
     normal = walk.forces[..., 2]
     q = np.einsum("ki,kia->ka", normal, knots.gait.blend[:n] @ walk.footholds) / normal.sum(axis=1)[:, None]
-    rising = normal.sum(axis=1) / problem.mass_kg + problem.gravity_w[2]
+    rising = normal.sum(axis=1) / problem.mass_kg + problem.gravity_h[2]
     weights = problem.weights
     lateral = FORCE_SHARE * weights.wrench * (walk.forces[..., :2] ** 2).sum()
     own = walk_cost(problem, knots.gait, body, 0 * walk.forces) - gait_cost(problem, knots.gait) + lateral
@@ -96,7 +96,7 @@ def test_no_motion_of_the_body_is_better_than_the_least_for_prices(rng: np.rando
     """
     problem = build_walk(parse_scenario(SCENE.replace("steps: 40", "steps: 9")), ROBOT)
     pressure, n, dt = CentreOfPressure(problem), problem.steps, problem.dt_s
-    weights, gravity, goal = problem.weights, problem.gravity_w, problem.goal.body.position_m
+    weights, gravity, goal = problem.weights, problem.gravity_h, problem.goal.body.position_m
     effort = FORCE_SHARE * weights.wrench * problem.mass_kg**2 / 4  # of all four feet
     assert pressure.paid is not None
 

@@ -62,6 +62,6 @@ def test_forces_shared_evenly_over_the_whole_walk_are_the_least() -> None:
     """Any forces of two standing patterns that sum to the weight cost no less than the bound's first part."""
     problem = build_walk(parse_scenario(FLAT.replace("[0.1, 0.0, 0.185]", "[0.0, 0.0, 0.185]")), ROBOT)
     floor = bound._forces_and_steps(problem)
-    n, weight = problem.steps, problem.mass_kg * float(np.linalg.norm(problem.gravity_w))
+    n, weight = problem.steps, problem.mass_kg * float(np.linalg.norm(problem.gravity_h))
     standing = 0.5 * problem.weights.wrench * n * weight**2 / 4
     assert floor == pytest.approx(standing, rel=1e-6)

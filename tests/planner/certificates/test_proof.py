@@ -47,7 +47,7 @@ def test_every_grasp_in_an_acceptance_box_is_in_the_relaxed_reach(
     place = problem.boxes.centre_b_m[limb] + np.array(shares[:3]) * problem.boxes.half_m
     tilt = problem.body.max_tilt_rad
     turned = rotation_from_rpy(np.array([tilt * shares[3], tilt * shares[4], 0.8 * shares[5]]))
-    centre = which.contact.centre_w_m + shares[6] * which.aside_m * which.contact.tangent
+    centre = which.contact.centre_h_m + shares[6] * which.aside_m * which.contact.tangent
     centre[2] = np.interp(shares[7], [-1.0, 1.0], which.height_m)
     body = centre - turned @ place
     if not problem.body.height_m[0] <= body[2] <= problem.body.height_m[1]:
@@ -69,9 +69,9 @@ def test_relaxed_balance_lacks_nothing_where_a_linear_program_balances(
     random, grips = np.random.default_rng(seed), proof.reach.grips
     moved = []
     for grip in grips:
-        centre = grip.contact.centre_w_m + random.uniform(-1, 1) * grip.aside_m * grip.contact.tangent
+        centre = grip.contact.centre_h_m + random.uniform(-1, 1) * grip.aside_m * grip.contact.tangent
         centre[2] = random.uniform(*grip.height_m)
-        moved.append(replace(grip.contact, centre_w_m=centre))
+        moved.append(replace(grip.contact, centre_h_m=centre))
     position = np.array([0.1 + 0.2 * x, 0.2 * y, 0.185 + 0.02 * z])
     if balanced(replace(proof.problem, contacts=moved), tuple(support), position, 1.0):
         assert proof.equilibrium.missing_force(tuple(support), position, position + 1e-4) <= 0.0
@@ -114,7 +114,7 @@ def test_balance_at_the_goal_lacks_nothing_where_the_true_centre_of_mass_balance
     problem, grips = proof.problem, proof.grips
     stance = tuple(proof.number[problem.goal.grasps[limb]] for limb in range(4))
     contacts = [grips[g].contact for g in stance]
-    hands = np.array([[*c.centre_w_m, c.yaw_rad] for c in contacts])
+    hands = np.array([[*c.centre_h_m, c.yaw_rad] for c in contacts])
     point = replace(
         problem, contacts=contacts, start_contacts=(0, 1, 2, 3), limb_masses=(), body_moment_kg_m=np.zeros(3)
     )

@@ -81,7 +81,7 @@ def test_grasps_in_the_boxes_of_some_pose_at_the_goal_are_not_denied(
         centre = place + rotation @ (boxes.centre_b_m[limb] + off * boxes.half_m)
         centre -= random.uniform(-1, 1) * grip.aside_m * grip.contact.tangent
         height = (centre[2] - 0.005, centre[2] + 0.005)
-        grips[limb] = replace(grip, contact=replace(grip.contact, centre_w_m=centre), height_m=height)
+        grips[limb] = replace(grip, contact=replace(grip.contact, centre_h_m=centre), height_m=height)
     assert GoalPoses(problem).lacking(grips) <= 0.0
 
 
@@ -108,7 +108,7 @@ def test_a_goal_that_no_single_pose_reaches_is_denied_as_sampling_denies_it(seed
                 and any(
                     (problem.limb_reach.outer.beyond(limb, rotation.T @ (centre - place)) <= 0.0).all()
                     for centre in (
-                        proof.reach.grips[i].contact.centre_w_m + aside * proof.grips[i].contact.tangent
+                        proof.reach.grips[i].contact.centre_h_m + aside * proof.grips[i].contact.tangent
                         for aside in np.linspace(-1, 1, 5) * proof.grips[i].aside_m
                     )
                 )

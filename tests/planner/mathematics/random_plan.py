@@ -150,7 +150,7 @@ def draw(seed: int) -> RandomPlan:
 
 def _reaches(problem: Problem, limb: int, contact: int) -> bool:
     """From where the body starts."""
-    away = problem.contacts[contact].centre_w_m - problem.start.position_m
+    away = problem.contacts[contact].centre_h_m - problem.start.position_m
     return bool((problem.limb_reach.inner.beyond(limb, away) <= 0.0).all())
 
 

@@ -166,7 +166,7 @@ def test_equation_10a_a_touching_finger_rests_on_its_face(plan: RandomPlan) -> N
     assert found["contact_motion"] in (pytest.approx(max(moved), abs=1e-9), 1.0)
     for contact in build_problem(plan.scenario, plan.robot).contacts:
         half = plan.problem.cuboids.half_m[contact.hold][contact.pair]
-        away = contact.centre_w_m[:2] - plan.problem.cuboids.foot_w_m[contact.hold]
+        away = contact.centre_h_m[:2] - plan.problem.cuboids.foot_h_m[contact.hold]
         for side in (1, -1):
             assert side * contact.axis[:2] @ (away + side * contact.separation_m / 2 * contact.axis[:2]) == (
                 pytest.approx(half, abs=1e-9)
@@ -245,9 +245,9 @@ def test_equation_13_wrenches_in_w_are_those_of_the_faces_turned(plan: RandomPla
     contact, q = plan.problem.contacts[0], random.normal(size=5)
     across = np.cross(Z, contact.axis)
     forces = [q[0] * across + q[1] * Z + n * z for n, z in ((q[3], contact.axis), (q[4], -contact.axis))]
-    places = contact.centre_w_m + np.outer([0.03, -0.03], contact.axis)
+    places = contact.centre_h_m + np.outer([0.03, -0.03], contact.axis)
     moment = np.cross(places, forces).sum(axis=0) + 2 * q[2] * contact.axis
-    shown = gripper_wrench(*(ca.DM(v) for v in (q, contact.centre_w_m, contact.axis, contact.tangent)))
+    shown = gripper_wrench(*(ca.DM(v) for v in (q, contact.centre_h_m, contact.axis, contact.tangent)))
     np.testing.assert_allclose(
         np.concatenate([np.array(each).ravel() for each in shown]), [*np.sum(forces, axis=0), *moment], atol=1e-9
     )
@@ -258,7 +258,7 @@ def test_equation_14_a_point_is_outside_one_side_of_every_cuboid(plan: RandomPla
     for _ in range(200):
         v = int(random.integers(len(cuboids.yaw_rad)))
         half, yaw = cuboids.half_m[v], cuboids.yaw_rad[v]
-        o_v = np.array([*cuboids.foot_w_m[v], half[2]])
+        o_v = np.array([*cuboids.foot_h_m[v], half[2]])
         p = o_v + random.uniform(-1.5, 1.5, 3) * half
         n_x, n_y = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([-np.sin(yaw), np.cos(yaw), 0.0])
         beta = [n @ (p - o_v) < s for axis, s in zip((n_x, n_y, Z), half, strict=True) for n in (axis, -axis)]

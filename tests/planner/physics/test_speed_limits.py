@@ -62,7 +62,7 @@ def test_how_slow_is_foreseen_from_the_least_forces_that_make_up_for_the_way(rob
     speed = steady_speed(contacts, problem.weight_N, problem.dt_s, held)
     way = speed * problem.dt_s
     grips = [contacts[c] for c in start[1:]]
-    places = np.stack([g.centre_w_m for g in grips])
+    places = np.stack([g.centre_h_m for g in grips])
     axis, most = grips[1].axis, 0.0  # of LR
     for turn in np.linspace(0.0, np.pi, 181):
         for lift in np.linspace(-np.pi / 2, np.pi / 2, 91):

@@ -96,7 +96,7 @@ def test_a_step_of_the_body_obeys_newton_and_euler(seed: int) -> None:
     mass, gravity, dt = 9.6, np.array([-6.9, 0.0, -6.9]), 0.01
     root, centre = random.normal(size=(3, 3)), random.normal(size=3)
     inertia = root @ root.T + np.eye(3)
-    body: Any = SimpleNamespace(mass_kg=mass, inertia_b=inertia, gravity_w=gravity, dt_s=dt)
+    body: Any = SimpleNamespace(mass_kg=mass, inertia_b=inertia, gravity_h=gravity, dt_s=dt)
     after = np.array(euler_step(ca.DM(x), ca.DM(force), ca.DM(moment), ca.DM(centre), body)).ravel()
     r, theta, v, omega = x[:3], x[3:6], x[6:9], x[9:]
     np.testing.assert_allclose(mass * (after[6:9] - v) / dt, force + mass * gravity, atol=1e-6)
@@ -152,7 +152,7 @@ def test_distances_to_cuboids_are_those_to_their_nearest_points(seed: int) -> No
 
 def test_only_far_cuboids_are_left_out_of_the_near_ones() -> None:
     cuboids = Cuboids(np.array([[0.0, 0.0], [1.0, 0.0]]), np.full((2, 3), 0.03), np.array([0.7, 0.7]))
-    assert cuboids.near(np.array([[0.1, 0.0, 0.0]]), 0.08).foot_w_m.tolist() == [[0.0, 0.0]]
+    assert cuboids.near(np.array([[0.1, 0.0, 0.0]]), 0.08).foot_h_m.tolist() == [[0.0, 0.0]]
     assert len(cuboids.near(np.array([[0.1, 0.0, 0.0], [0.9, 0.0, 0.0]]), 0.08).yaw_rad) == 2
 
 

@@ -55,7 +55,7 @@ def test_a_search_that_chooses_headings_sees_the_whole_boxes_at_the_start(robot:
     problem, _ = found
     slack = ReachableSet(problem).of(problem.start_contacts)
     assert slack is not None
-    grips = np.stack([problem.contacts[c].centre_w_m for c in problem.start_contacts])
+    grips = np.stack([problem.contacts[c].centre_h_m for c in problem.start_contacts])
     for edge in slack:  # a level body at either corner, by (9a) itself
         beyond = np.abs(grips - edge - problem.boxes.centre_b_m) - problem.boxes.half_m
         assert beyond[:, :2].max() == pytest.approx(-problem.reach_reserve_m, abs=1e-9)

@@ -39,7 +39,7 @@ def reaches(model: pin.Model, problem: Problem, body: Pose, hold: str) -> bool:
     for contact in problem.contacts:
         if problem.hold_names[contact.hold] != hold:
             continue
-        place, upright = turn.T @ (contact.centre_w_m - body.position_m), turn.T @ rotation_z(contact.yaw_rad)
+        place, upright = turn.T @ (contact.centre_h_m - body.position_m), turn.T @ rotation_z(contact.yaw_rad)
         q, _ = inverse(limb, place, upright)
         full = pin.neutral(model)
         at = [model.joints[model.getJointId(name)].idx_q for name in limb.joint_names]

@@ -150,7 +150,7 @@ def test_a_level_stance_at_the_goal_is_what_the_checkers_kinematics_finds(robot:
     """Limb by limb, by numeric inverse kinematics within the joint limits, for the body in the middle of the goal."""
     problem = build_problem(parse_scenario(random_field(seed)), robot)
     stance, goal = level_stance_at_goal(problem, robot), problem.goal.body
-    places = (np.array([c.centre_w_m for c in problem.contacts]) - goal.position_m) @ rotation_z(goal.rpy_rad[2])
+    places = (np.array([c.centre_h_m for c in problem.contacts]) - goal.position_m) @ rotation_z(goal.rpy_rad[2])
     yaws = np.array([c.yaw_rad for c in problem.contacts]) - goal.rpy_rad[2]
     ends = []
     for index, limb in enumerate(load_model(robot).limbs):

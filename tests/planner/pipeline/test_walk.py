@@ -154,7 +154,7 @@ def test_a_search_begins_with_every_order_of_the_feet_and_steps_as_long_as_they_
     starts = strides.starts(1)
     assert len(set(starts)) == 24
     assert all(slots.possible(problem) and strides.long_enough(slots) for slots in starts)
-    swings = np.linalg.norm(problem.goal_feet_w_m - problem.start_feet_w_m, axis=1)
+    swings = np.linalg.norm(problem.goal_feet_h_m - problem.start_feet_h_m, axis=1)
     for limb, ((lift, land),) in enumerate(starts[0].of_limb):
         shorter = Step(limb, lift, land - 1)
         assert longest_step(problem, Step(limb, lift, land)) >= swings[limb] - FINAL_FOOT_M

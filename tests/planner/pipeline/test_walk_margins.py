@@ -53,7 +53,7 @@ def test_a_limb_asked_for_more_than_it_reaches_is_stretched() -> None:
     shoulder = PROBLEM.limb_masses[0].limb.shoulder_b_m
     places = []
     for times in (3.0, 6.0):
-        feet = np.concatenate([PROBLEM.start_feet_w_m, np.zeros((4, 1))], axis=1)[None]
+        feet = np.concatenate([PROBLEM.start_feet_h_m, np.zeros((4, 1))], axis=1)[None]
         wrist = pose[0, :3] + shoulder + times * np.array([0.2, 0.3, -0.1])
         feet[0, 0] = wrist - [0.0, 0.0, PROBLEM.limb_masses[0].limb.wrist_to_gripper_m + PROBLEM.pad_radius_m]
         places.append(PROBLEM.centres_of_mass(pose, feet, yaws))
@@ -70,9 +70,9 @@ def test_the_corner_where_joints_are_too_fast_is_left_out(share: tuple[float, fl
     place = PROBLEM.boxes.centre_b_m[2] + np.array(share) * PROBLEM.boxes.half_m
     gait = Gait((Step(0, 2, 6),), np.ones(1), PROBLEM.steps + 1)
     body = np.zeros((PROBLEM.steps + 1, 12))
-    foot = np.append(PROBLEM.start_feet_w_m[2], 0.0)
+    foot = np.append(PROBLEM.start_feet_h_m[2], 0.0)
     body[:, :3] = foot - place
-    solution: Any = WalkMotion(gait, body, np.zeros(0), np.vstack([PROBLEM.start_feet_w_m, [0.2, 0.3]]))
+    solution: Any = WalkMotion(gait, body, np.zeros(0), np.vstack([PROBLEM.start_feet_h_m, [0.2, 0.3]]))
     less = bent(PROBLEM, solution, _report(1.0))
     assert (less is not None) == is_cut
     if less is not None:

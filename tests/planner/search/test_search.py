@@ -59,13 +59,13 @@ def test_a_route_is_found_by_looking_at_few_more_stances_than_it_has(rungs: int)
 def balanced(problem: Problem, support: tuple[int, ...], position: np.ndarray, margin: float) -> bool:
     """Whether forces balance at a body position: a linear program over (s1, s2, m, n1, n2) of every gripper."""
     k, columns, rows, bounds = problem.patch.k_m, [], [], []
-    grippers = np.mean([problem.contacts[c].centre_w_m for c in problem.start_contacts], axis=0)
+    grippers = np.mean([problem.contacts[c].centre_h_m for c in problem.start_contacts], axis=0)
     follow, rest = linear_centre(problem)
     centre = position + rest + follow @ (grippers - position)
     for i, index in enumerate(support):
         contact = problem.contacts[index]
         axis, tangent, up = contact.axis, contact.tangent, np.array([0, 0, 1.0])
-        arm = contact.centre_w_m - centre
+        arm = contact.centre_h_m - centre
         for force, moment in (
             (2 * tangent, 0),
             (2 * up, 0),
@@ -156,7 +156,7 @@ def test_a_lack_of_force_is_told_in_newtons() -> None:
     equilibrium, here = StaticEquilibrium(problem, 1.0), problem.start.position_m
     assert equilibrium.missing_force(problem.start_contacts, here, here) < 1e-3
     weak = StaticEquilibrium(problem, 1e-4)  # grippers that carry nothing: all the weight is lacking, and its moment
-    middle = np.mean([problem.contacts[c].centre_w_m for c in problem.start_contacts], axis=0)
+    middle = np.mean([problem.contacts[c].centre_h_m for c in problem.start_contacts], axis=0)
     follow, rest = linear_centre(problem)
     moment = np.cross(here + rest + follow @ (middle - here) - middle, problem.weight_N) / MOMENT_ARM_M
     expected = float(np.linalg.norm([*problem.weight_N, *moment]))
@@ -190,7 +190,7 @@ def test_grippers_never_share_a_hold_nor_stand_where_their_palms_would_touch() -
     ]
     lf_low, lr_low, lf_high, lr_high = along_x[0], along_x[2], along_x[4], along_x[6]
     assert not swings.free([(lr_low, lf_low)], (lf_low,))
-    assert contacts[lf_low].centre_w_m[0] - contacts[lr_high].centre_w_m[0] == pytest.approx(0.13)  # palms: 2 x 66 mm
+    assert contacts[lf_low].centre_h_m[0] - contacts[lr_high].centre_h_m[0] == pytest.approx(0.13)  # palms: 2 x 66 mm
     assert not swings.free([(lr_low, lr_high)], (lf_low,))
     assert swings.free([(lr_low, lr_high)], (lf_high,))
 
@@ -219,7 +219,7 @@ def test_a_schedule_fills_the_horizon_and_leaves_no_knot_with_two_limbs_in_the_a
     for knot, poses in zip(schedule.contacts, schedule.poses, strict=True):
         for contact, pose in zip(knot, poses, strict=True):
             if contact is not None:
-                np.testing.assert_array_equal(pose[:3], problem.contacts[contact].centre_w_m)
+                np.testing.assert_array_equal(pose[:3], problem.contacts[contact].centre_h_m)
 
 
 def test_the_body_travels_while_limbs_swing_and_not_in_stances_between() -> None:

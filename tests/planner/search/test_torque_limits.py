@@ -21,7 +21,7 @@ def test_torques_do_the_work_of_the_gripper_wrench(limb: int, robot: Robot) -> N
     contact = problem.contacts[problem.start_contacts[limb]]
     rows, _, _ = strength._torques((problem.start_contacts[limb],), place)[0]
     model = robot.limbs[limb]
-    q, reached = inverse(model, contact.centre_w_m - place, rotation_z(contact.yaw_rad))
+    q, reached = inverse(model, contact.centre_h_m - place, rotation_z(contact.yaw_rad))
     assert reached
     wrench = np.array([3.0, -7.0, 0.4, 11.0])
     force = 2 * wrench[0] * contact.tangent + 2 * wrench[1] * np.array([0, 0, 1.0]) + wrench[3] * contact.axis

@@ -36,7 +36,7 @@ class Carriers:
     def of(problem: Problem) -> Carriers:
         """All contacts of a problem."""
         k_m, share = problem.patch.k_m, problem.friction_share
-        maps = np.stack([static_map(c.centre_w_m, c.axis, c.tangent) for c in problem.contacts])
+        maps = np.stack([static_map(c.centre_h_m, c.axis, c.tangent) for c in problem.contacts])
         maps[:, :, 2] *= k_m
         friction = share * np.array([c.grip_friction for c in problem.contacts])
         spines = share * np.array([c.spines for c in problem.contacts]) / [1.0, 1.0, k_m]  # (C, 2, 3)

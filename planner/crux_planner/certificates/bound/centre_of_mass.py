@@ -120,7 +120,7 @@ class CentreOfMass:
 
     def __init__(self, problem: Problem, about: Orientations) -> None:
         self._about, self._mass_kg = about, problem.mass_kg
-        self._contacts = np.stack([contact.centre_w_m for contact in problem.contacts])
+        self._contacts = np.stack([contact.centre_h_m for contact in problem.contacts])
         self._problem = problem
         self._limbs = [_Limb.of(limb, FOLLOW * problem.mass_kg) for limb in problem.limb_masses]
         heights, tilt = problem.body.height_m, problem.body.max_tilt_rad

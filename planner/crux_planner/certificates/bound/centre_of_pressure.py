@@ -43,7 +43,7 @@ class CentreOfPressure:
     def __init__(self, problem: WalkProblem) -> None:
         n, dt, weights = problem.steps, problem.dt_s, problem.weights
         self.problem, self.steps = problem, n
-        self.gamma, self.along = -float(problem.gravity_w[2]), problem.gravity_w[:2]
+        self.gamma, self.along = -float(problem.gravity_h[2]), problem.gravity_h[:2]
         self.kappa = problem.pendulum_s2
         self.effort = FORCE_SHARE * weights.wrench * problem.mass_kg**2  # of an acceleration by one foot
         self.most_rising, self._most_turning = problem.profile.acceleration

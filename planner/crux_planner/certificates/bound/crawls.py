@@ -40,7 +40,7 @@ class Crawls:
         weights = problem.weights
         self.air_cost = float((weights.lift * problem.step_height_m * heights / airs).min())  # of a knot, at least
         self.step_cost = 2 * weights.switching
-        swings = np.maximum(np.abs(problem.goal_feet_w_m - problem.start_feet_w_m) - FINAL_FOOT_M, 0.0)
+        swings = np.maximum(np.abs(problem.goal_feet_h_m - problem.start_feet_h_m) - FINAL_FOOT_M, 0.0)
         self._lengths = np.linalg.norm(swings, axis=1)
         self._airs, self._longest = airs, longest
         self._between = between
@@ -50,7 +50,7 @@ class Crawls:
         self._moves()
 
     def _ranges(self) -> None:
-        first, last = self.problem.start_feet_w_m, self.problem.goal_feet_w_m
+        first, last = self.problem.start_feet_h_m, self.problem.goal_feet_h_m
         low = np.array([first, last - FINAL_FOOT_M, *[first - near for near in self._near_m]])
         high = np.array([first, last + FINAL_FOOT_M, *[first + near for near in self._near_m]])
         self.phases: dict[tuple[Stance, int | None], int] = {}

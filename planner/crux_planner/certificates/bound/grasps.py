@@ -160,7 +160,7 @@ def _stretched(problem: Problem, about: Orientations, nodes: Grasps) -> Grasps:
     """The boxes within a stretched limb's length of all shoulders, which takes their corners off."""
     least, most = about.shift_m[0], about.shift_m[-1]  # of tilts: what a box may lose, and where bodies may be
     low, high = nodes.low.copy(), nodes.high.copy()
-    places = np.stack([contact.centre_w_m[:2] for contact in problem.contacts])
+    places = np.stack([contact.centre_h_m[:2] for contact in problem.contacts])
     limbs = []
     for limb, groups in enumerate(nodes.groups):
         off, wide = shoulders(problem, about, limb)

@@ -54,7 +54,7 @@ class Multipliers:
         self.masses = CentreOfMass(problem, about)
         self.rest = self.masses.anywhere[0]
         self._off = [np.array(yawed_bounds(low, high, yaw)) for low, high in zip(*spans, strict=True)]
-        self._places = np.stack([contact.centre_w_m for contact in problem.contacts])
+        self._places = np.stack([contact.centre_h_m for contact in problem.contacts])
         speed, rate, dt = problem.body.max_speed_m_s, problem.body.max_rate_rad_s, problem.dt_s
         self._push = problem.mass_kg * 2 * speed / dt  # largest M a along an axis
         inertia = float(np.linalg.eigvalsh(problem.inertia_b).max())
@@ -63,7 +63,7 @@ class Multipliers:
 
     def _take(self, nodes: Grasps) -> None:
         self.nodes = nodes
-        self.hands, self.still = [], np.zeros((4, 3), dtype=bool)  # of a limb in the air, off r or where `still`, in W
+        self.hands, self.still = [], np.zeros((4, 3), dtype=bool)  # of a limb in the air, off r or where `still`, in H
         for limb, (off, groups) in enumerate(zip(self._off, nodes.groups, strict=True)):
             place = np.array(airborne(self.problem, np.concatenate(groups)))
             self.still[limb] = place[1] - place[0] < off[1] - off[0]
@@ -213,7 +213,7 @@ class KnotQp:
         high = np.concatenate([box[1], [tilt, tilt, 1.0], rest[1], np.full(n - _BODY, _FORCE_N)])
         equal = np.zeros((6, n))
         equal[:, -6:] = np.eye(6)
-        turn, places = skews(problem.weight_N), [problem.contacts[c].centre_w_m for c in held.values()]
+        turn, places = skews(problem.weight_N), [problem.contacts[c].centre_h_m for c in held.values()]
         equal[3:, :3], equal[3:, 6:9] = -turn * follow, -turn
         right = np.concatenate([-problem.weight_N, FOLLOW * turn @ np.sum(places, axis=0)])
         rows, bounds = [], []
@@ -231,7 +231,7 @@ class KnotQp:
             bounds.append(np.tile(np.abs(self._directions) @ carriers.spines[c], 2))
             a, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m
             seen = np.hstack([np.eye(3), -skews(a), np.zeros((3, n - 6))])  # r + theta x a
-            place = problem.contacts[c].centre_w_m + np.array([0.0, 0.0, problem.boxes.above_m]) - a
+            place = problem.contacts[c].centre_h_m + np.array([0.0, 0.0, problem.boxes.above_m]) - a
             rows += [seen, -seen]
             bounds += [place + half, half - place]
         below = np.vstack(rows), None, np.concatenate(bounds)

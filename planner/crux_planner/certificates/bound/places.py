@@ -48,7 +48,7 @@ def orientations(problem: Problem, least: float, most: float) -> Orientations:
 
 def _most_m(problem: Problem) -> float:
     """Most that the contacts' points of (9a) and the body are apart along W's z."""
-    heights = np.array([contact.centre_w_m[2] for contact in problem.contacts]) + problem.boxes.above_m
+    heights = np.array([contact.centre_h_m[2] for contact in problem.contacts]) + problem.boxes.above_m
     return float(np.abs(np.subtract.outer(heights, problem.body.height_m)).max())
 
 
@@ -69,7 +69,7 @@ def body_boxes(problem: Problem, about: Orientations) -> tuple[Array, Array]:
             turned = np.abs(c) * half[axis] + np.abs(s) * half[across] + tilted
             turned += wide * (most[across] + (np.abs(s) + wide) * most[axis])
             sides[limb, :, 0, axis], sides[limb, :, 1, axis] = along - turned, along + turned
-    centres = np.stack([contact.centre_w_m for contact in problem.contacts])  # boxes are along x and y
+    centres = np.stack([contact.centre_h_m for contact in problem.contacts])  # boxes are along x and y
     low = centres[None, :, None, :] - sides[:, None, :, 1]
     high = centres[None, :, None, :] - sides[:, None, :, 0]
     low[..., 2], high[..., 2] = problem.body.height_m
@@ -77,7 +77,7 @@ def body_boxes(problem: Problem, about: Orientations) -> tuple[Array, Array]:
 
 
 def shoulders(problem: Problem, about: Orientations, limb: int) -> tuple[Array, Array]:
-    """A limb's shoulder off the body's origin along W's x and y: (Y, 2) in the middle of each cell of yaw, and (Y,) how
+    """A limb's shoulder off the body's origin along H's x and y: (Y, 2) in the middle of each cell of yaw, and (Y,) how
     far off that it can be, for any tilt.
     """
     b, tilt = problem.limb_masses[limb].limb.shoulder_b_m, problem.body.max_tilt_rad

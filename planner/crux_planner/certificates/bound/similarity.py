@@ -25,7 +25,7 @@ class Similarity:
         looks = []
         for limb, groups in enumerate(nodes.groups):
             own = [problem.contacts[group[0]] for group in groups]
-            places = np.array([c.centre_w_m for c in own] + [np.zeros(3)])
+            places = np.array([c.centre_h_m for c in own] + [np.zeros(3)])
             kinds = [[np.cos(2 * c.yaw_rad), np.sin(2 * c.yaw_rad), c.grip_friction.min()] for c in own]
             options = nodes.options[:, limb]
             air = options == len(groups)

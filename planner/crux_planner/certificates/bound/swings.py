@@ -26,7 +26,7 @@ def knots_in_air(problem: Problem, contacts: Indices) -> Array:
     limits = problem.swing
     reach, turn = STEP_SHARE * limits.speed_m_s * limits.dt_s, STEP_SHARE * limits.yaw_rate_rad_s * limits.dt_s
     own = [problem.contacts[c] for c in contacts]
-    place, yaw = np.array([c.centre_w_m for c in own]), np.array([c.yaw_rad for c in own])
+    place, yaw = np.array([c.centre_h_m for c in own]), np.array([c.yaw_rad for c in own])
     top = problem.cuboids.top_m[[c.hold for c in own]]
     height = np.maximum(top[:, None], top) + limits.clearance_m + HEIGHT_RESERVE_M
     ups = np.maximum(np.ceil((height - place[:, None, 2]) / reach - 1e-9), 1.0)
@@ -47,8 +47,8 @@ def quickest_to(problem: Problem, groups: list[Indices]) -> Indices:
 
 
 def airborne(problem: Problem, contacts: Indices) -> tuple[Array, Array]:
-    """Bounds (3,), (3,) in W of a gripper in the air between contacts: on the line, or round what is too tall."""
-    own = [problem.contacts[c].centre_w_m for c in contacts]
+    """Bounds (3,), (3,) in H of a gripper in the air between contacts: on the line, or round what is too tall."""
+    own = [problem.contacts[c].centre_h_m for c in contacts]
     low, high = np.min(own, axis=0), np.max(own, axis=0)
     high[2] = max(high[2], problem.swing.max_height_m)
     cuboids, limits, shape = problem.cuboids, problem.swing, problem.shape
@@ -56,7 +56,7 @@ def airborne(problem: Problem, contacts: Indices) -> tuple[Array, Array]:
     if len(tall):
         wide = np.linalg.norm(cuboids.half_m[tall, :2], axis=1)[:, None]
         wide = wide + 2**0.5 * (limits.clearance_m + shape.half_length(shape.largest_opening) + shape.pad_radius)
-        foot = cuboids.foot_w_m[tall, :2]
+        foot = cuboids.foot_h_m[tall, :2]
         low[:2] = np.minimum(low[:2], (foot - wide).min(axis=0))
         high[:2] = np.maximum(high[:2], (foot + wide).max(axis=0))
     return low, high
@@ -93,7 +93,7 @@ def distinct(problem: Problem, limb: int) -> Indices:
     for c in [problem.start_contacts[limb], *problem.limb_contacts[limb]]:
         contact = problem.contacts[c]
         hanging = contact.finger1_face if contact.spines_only else -1  # a finger that does not press hangs on a face
-        kept.setdefault((contact.hold, contact.pair, hanging, contact.centre_w_m.tobytes()), c)
+        kept.setdefault((contact.hold, contact.pair, hanging, contact.centre_h_m.tobytes()), c)
     return np.array(list(kept.values()))
 
 

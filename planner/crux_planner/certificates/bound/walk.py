@@ -37,8 +37,8 @@ def lower_bound(problem: WalkProblem) -> float:
 def _forces_and_steps(problem: WalkProblem) -> float:
     """The best of the tangents at each number of knots in the air."""
     weights, n = problem.weights, problem.steps
-    whole = FORCE_SHARE * weights.wrench * float(problem.mass_kg**2 * problem.gravity_w @ problem.gravity_w) * n**2
-    swings = np.abs(problem.goal_feet_w_m - problem.start_feet_w_m) - FINAL_FOOT_M
+    whole = FORCE_SHARE * weights.wrench * float(problem.mass_kg**2 * problem.gravity_h @ problem.gravity_h) * n**2
+    swings = np.abs(problem.goal_feet_h_m - problem.start_feet_h_m) - FINAL_FOOT_M
     lengths = np.linalg.norm(np.maximum(swings, 0.0), axis=1)
     air = np.arange(LEAST_AIR, n)
     by_air = [Step(0, 0, int(k)) for k in air]

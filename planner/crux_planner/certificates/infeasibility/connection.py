@@ -203,7 +203,7 @@ def clashes(grips: list[Grip], palm: PalmShape | None) -> Flags:
     result = np.zeros((count, count), dtype=bool)
     if palm is None:
         return result
-    centres = np.array([g.contact.centre_w_m[:2] for g in grips]).reshape(count, 2)
+    centres = np.array([g.contact.centre_h_m[:2] for g in grips]).reshape(count, 2)
     way = np.linalg.norm(centres[:, None] - centres, axis=2)
     near = way < 2 * np.hypot(palm.half_length, palm.half_width) + CLEARANCE_M
     for i, j in np.argwhere(np.triu(near, 1)):
@@ -217,5 +217,5 @@ def clashes(grips: list[Grip], palm: PalmShape | None) -> Flags:
 
 def _palm(grip: Grip, share: float, palm: PalmShape) -> Array:
     contact = grip.contact
-    x, y, _ = contact.centre_w_m + share * grip.aside_m * contact.tangent
+    x, y, _ = contact.centre_h_m + share * grip.aside_m * contact.tangent
     return np.array([[x, y, contact.yaw_rad, palm.half_length]])

@@ -212,7 +212,7 @@ def body_rates(rpy_rad: Array) -> Array:
 
 
 def _centre(grip: Grip, height_m: float) -> Array:
-    return np.append(grip.contact.centre_w_m[:2], height_m)
+    return np.append(grip.contact.centre_h_m[:2], height_m)
 
 
 def _slopes(rpy_rad: Array, away: Array) -> Array:

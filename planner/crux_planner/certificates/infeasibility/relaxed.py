@@ -39,7 +39,7 @@ class Headings:
     """
 
     yaw_rad: Array  # (B,) middles
-    to_w: Array  # (B, 3, 3)
+    to_h: Array  # (B, 3, 3)
     low: Array
     high: Array
 
@@ -98,14 +98,14 @@ class RelaxedReach:
         arm = (arm + self.shift_m + tilt**2 * arm.max()) / np.cos(tilt)
         second = tilt**2 * np.array([arm[0] / 2, arm[1] / 2 + arm[0]]) + tilt * self._spread_m
         slack = second + half * arm[[1, 0]] + half**2 / 2 * arm[:2] + TOLERANCE_M
-        to_w = rotation_z(yaws)
+        to_h = rotation_z(yaws)
         count = len(self.grips)
-        centres = np.array([g.contact.centre_w_m for g in self.grips]).reshape(count, 3) @ to_w  # (B, G, 3)
-        tangents = np.abs(np.array([g.contact.tangent for g in self.grips]).reshape(count, 3) @ to_w)[..., :2]
+        centres = np.array([g.contact.centre_h_m for g in self.grips]).reshape(count, 3) @ to_h  # (B, G, 3)
+        tangents = np.abs(np.array([g.contact.tangent for g in self.grips]).reshape(count, 3) @ to_h)[..., :2]
         aside = np.array([g.aside_m for g in self.grips])[:, None] * np.minimum(tangents + half, 1.0)
         reach = (boxes.half_m[:2] + slack + aside)[:, None]  # (B, 1, G, 2)
         middle = centres[:, None, :, :2] - boxes.centre_b_m[:, None, :2]  # (B, 4, G, 2)
-        return Headings(yaws, to_w, middle - reach, middle + reach)
+        return Headings(yaws, to_h, middle - reach, middle + reach)
 
     def _goal_soles(self, slack_rad: float) -> tuple[Array, Array]:
         """Bounds (B, 2) of the sole at the goal's bins of yaw."""
@@ -115,7 +115,7 @@ class RelaxedReach:
         roll, pitch = (np.sort(np.outer(np.sin(t), over).ravel())[[0, -1]] for t in tilt)
         # q moves by (sin pitch, -sin roll cos pitch) h against the boxes: the sole goes the other way
         low, high = np.array([-pitch[1], roll[0]]), np.array([-pitch[0], roll[1]])
-        place = np.einsum("bji,j->bi", self.goal.to_w, goal.body.position_m)[:, :2]
+        place = np.einsum("bji,j->bi", self.goal.to_h, goal.body.position_m)[:, :2]
         within = goal.tolerance_m + TOLERANCE_M
         return place + low - within, place + high + within
 
@@ -143,20 +143,20 @@ class RelaxedReach:
         """
         yaw, ends = self.all.yaw_rad, sorted((0.0, float(self.problem.goal.body.rpy_rad[2])))
         bins = (yaw >= ends[0] - most_turn_rad) & (yaw <= ends[1] + most_turn_rad)
-        place = np.einsum("bji,pj->bpi", self.all.to_w[bins], position_m)[:, :, None, :2]  # (B, P, 1, 2)
+        place = np.einsum("bji,pj->bpi", self.all.to_h[bins], position_m)[:, :, None, :2]  # (B, P, 1, 2)
         low, high = self.all.low[bins, None, limb] - self.shift_m, self.all.high[bins, None, limb] + self.shift_m
         return np.asarray(((place >= low) & (place <= high)).all(axis=3).any(axis=(0, 2)))
 
     def hull(self, stance: tuple[int, ...]) -> tuple[Array, Array] | None:
-        """Bounds along W's axes of all body positions with a stance's grips in reach (-1: air), None if none."""
+        """Bounds along H's axes of all body positions with a stance's grips in reach (-1: air), None if none."""
         fits, low, high = self.all.fits(stance)
         return self.region(fits, low, high) if fits.any() else None
 
     def region(self, bins: Flags, low: Array, high: Array) -> tuple[Array, Array]:
-        """Bounds along W's axes of body positions whose soles are in [low, high] (B, 2) at these headings."""
+        """Bounds along H's axes of body positions whose soles are in [low, high] (B, 2) at these headings."""
         middle, half = (low[bins] + high[bins]) / 2, (high[bins] - low[bins]) / 2
-        turn = np.abs(self.all.to_w[bins, :2, :2])
-        centre = (self.all.to_w[bins, :2, :2] @ middle[..., None])[..., 0]
+        turn = np.abs(self.all.to_h[bins, :2, :2])
+        centre = (self.all.to_h[bins, :2, :2] @ middle[..., None])[..., 0]
         extent = (turn @ (half + self.shift_m)[..., None])[..., 0]
         height = self._over_m + self._middle_m
         lowest, highest = (centre - extent).min(axis=0), (centre + extent).max(axis=0)
@@ -224,7 +224,7 @@ class RelaxedBalance:
         """`missing_force` with the centre of mass in [low, high], where it is least, and the multipliers of
         force and moment about the origin that show it.
         """
-        middle = np.mean([self.grips[g].contact.centre_w_m for g in support], axis=0)
+        middle = np.mean([self.grips[g].contact.centre_h_m for g in support], axis=0)
         about = np.block([[np.eye(3), np.zeros((3, 3))], [-skews(middle), np.eye(3)]])
         about[3:] /= MOMENT_ARM_M
         places = [(i, centre) for i, g in enumerate(support) for centre in self._places(self.grips[g])]
@@ -285,7 +285,7 @@ class RelaxedBalance:
         contact = grip.contact
         sides = (-grip.aside_m, grip.aside_m) if grip.aside_m > 0 else (0.0,)
         heights = grip.height_m if grip.height_m[1] > grip.height_m[0] else grip.height_m[:1]
-        middle = contact.centre_w_m * [1.0, 1.0, 0.0]
+        middle = contact.centre_h_m * [1.0, 1.0, 0.0]
         return [middle + side * contact.tangent + np.array([0.0, 0.0, z]) for side in sides for z in heights]
 
 
