@@ -90,31 +90,31 @@ def test_the_checker_shares_nothing_with_the_planner() -> None:
     assert not [f"{path}: {name}" for path, name in used if not name.startswith("crux_planner.checker")]
 
 
-def planner_imports() -> dict[str, set[str]]:
-    """Module by module of the planner, what it imports of it: at the top, inside functions and for types alike."""
-    package = ROOT / "planner" / "crux_planner"
-    graph: dict[str, set[str]] = {}
-    for path in sorted(package.rglob("*.py")):
-        name = ".".join(path.relative_to(package).with_suffix("").parts)
-        graph[name if name == "__init__" else name.removesuffix(".__init__")] = set()
-    for path in sorted(package.rglob("*.py")):
-        name = ".".join(path.relative_to(package).with_suffix("").parts)
-        used = graph[name if name == "__init__" else name.removesuffix(".__init__")]
+def module_imports(folder: str) -> dict[str, set[str]]:
+    """Module by module below a folder, what it imports of the others: at the top, inside functions, for types alike."""
+    root = ROOT / folder
+    modules = {path: ".".join(path.relative_to(root).with_suffix("").parts) for path in sorted(root.rglob("*.py"))}
+    graph: dict[str, set[str]] = {name.removesuffix(".__init__"): set() for name in modules.values()}
+    for path, name in modules.items():
+        used, package = graph[name.removesuffix(".__init__")], name.split(".")[:-1]
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "crux_planner":
-                of = str(node.module).removeprefix("crux_planner").removeprefix(".")
-                modules = {f"{of}.{each.name}".removeprefix(".") for each in node.names} & graph.keys()
-                used |= modules or {of or "__init__"}
-    return graph
+            if isinstance(node, ast.Import):
+                used |= {each.name for each in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                above = package[: len(package) + 1 - node.level] if node.level else []
+                of = ".".join([*above, node.module] if node.module else above)
+                used |= {inner if (inner := f"{of}.{each.name}") in graph else of for each in node.names}
+    return {name: (used & graph.keys()) - {name} for name, used in graph.items()}
 
 
 def test_the_planner_uses_only_layers_below() -> None:
-    graph = planner_imports()
-    assert {name.partition(".")[0] for name in graph} == {*LAYERS, "checker"}
+    graph = module_imports("planner")
+    layer_of = {module: [*module.split("."), "__init__"][1] for module in graph}
+    assert set(layer_of.values()) == {*LAYERS, "checker"}
     upward = []
     for module, used in graph.items():
-        layer = module.partition(".")[0]
-        for other in sorted(of for name in used if (of := name.partition(".")[0]) != layer):
+        layer = layer_of[module]
+        for other in sorted(of for name in used if (of := layer_of[name]) != layer):
             below = LAYERS.index("pipeline") if other == "checker" else LAYERS.index(other) + 1
             if layer == "checker" or LAYERS.index(layer) < below:
                 upward.append(f"{module}: {other}")
@@ -129,8 +129,11 @@ def assert_no_circle(graph: dict[str, set[str]]) -> None:
     assert not graph, f"among these: {sorted(graph)}"
 
 
-def test_the_planner_imports_in_no_circle() -> None:
-    assert_no_circle(planner_imports())
+@pytest.mark.parametrize("folder", ["msgs", "msgs/python", "planner", "tools", "firmware/ports/host"])
+def test_python_is_imported_in_no_circle(folder: str) -> None:
+    graph = module_imports(folder)
+    assert graph
+    assert_no_circle(graph)
 
 
 @pytest.mark.parametrize("folder", FOLDERS)

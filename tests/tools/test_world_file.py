@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crux_simulation.sim.world_file import (
+from crux_simulation.sim.world import (
     ERRORS,
     SENSORS,
     SHARES,
@@ -19,10 +19,8 @@ from crux_simulation.sim.world_file import (
     Push,
     World,
     WorldError,
-    parse_world,
-    read_world,
 )
-from crux_simulation.sim.world_reader import DISTRIBUTIONS
+from crux_simulation.sim.world_file import DISTRIBUTIONS, parse_world, read_world
 from crux_tools.paths import ROOT
 from hand_plan import climbing_plan
 from scipy import stats

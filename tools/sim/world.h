@@ -1,5 +1,5 @@
 /// What is not as the plan and the robot description say: motors, friction, holds that break, pushes, sensors. Numbers
-/// of tools/crux_simulation/sim/world_file.py; times count from the first step, units are SI. Joints limb-major.
+/// of tools/crux_simulation/sim/world.py; times count from the first step, units are SI. Joints limb-major.
 #ifndef CRUX_SIM_WORLD_H
 #define CRUX_SIM_WORLD_H
 

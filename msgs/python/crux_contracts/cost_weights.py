@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from .scenario import Scenario
+from .scenario_types import Scenario
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,11 @@ The loop and the criterion are those of runtime/core/robot/stability.hpp.
 from __future__ import annotations
 
 import math
-import typing
 from collections.abc import Iterator
 
 from .robot_bounds import GAIN_MARGIN, MAX_DELAY_CYCLES
+from .robot_types import Robot
 from .yaml_document import Problem
-
-if typing.TYPE_CHECKING:
-    from .robot import Robot
 
 _HALVINGS, _FINE = 24, 1e-4  # of the span between no damping and enough
 

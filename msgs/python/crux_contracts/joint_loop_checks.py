@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import typing
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -16,11 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .robot_bounds import DEAD_TIME_MARGIN, LOOP_HALVINGS, LOOP_HIGHEST_1_S, LOOP_LOWEST_1_S, LOOP_STEP, LOOP_STEPS
+from .robot_types import Limb, Robot
 from .urdf import Urdf, rotation
 from .yaml_document import Problem
-
-if typing.TYPE_CHECKING:
-    from .robot import Limb, Robot
 
 Array = NDArray[np.float64]
 

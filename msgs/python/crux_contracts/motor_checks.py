@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-import typing
 from collections.abc import Iterator
 
 from crux_msgs.robot_keys import GripperMotor, Machine, Motor
 
 from .motors import flux_Wb, joint_continuous_torque_Nm, joint_current_A
+from .robot_types import Robot
 from .yaml_document import Problem
-
-if typing.TYPE_CHECKING:
-    from .robot import Robot
 
 
 def motor_problems(robot: Robot) -> Iterator[Problem]:

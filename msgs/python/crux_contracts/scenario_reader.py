@@ -9,7 +9,8 @@ from typing import TypeVar, cast
 from . import LIMB_NAMES
 from .reading import Checker, did_you_mean
 from .robot import robot_names
-from .scenario import (
+from .scenario_checks import check_cuboids, check_grasps
+from .scenario_types import (
     FACE_NAMES,
     IDLE,
     LIMIT_SURFACES,
@@ -32,7 +33,6 @@ from .scenario import (
     Uncertainty,
     Wall,
 )
-from .scenario_checks import check_cuboids, check_grasps
 from .yaml_document import MAX_BYTES, DocumentError, Node, Problem, parse_mapping
 
 VERSION = 1

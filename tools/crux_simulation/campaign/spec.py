@@ -25,7 +25,8 @@ from crux_contracts.yaml_document import DocumentError, Node, parse_mapping, rea
 from crux_simulation.benchmarks.random_walls import RUNGS, most_obstacles
 from crux_simulation.campaign.job import NOMINAL, ClimbJob, WorldFile
 from crux_simulation.campaign.walls import GENERATORS, Wall
-from crux_simulation.sim.world_file import WorldError, read_world
+from crux_simulation.sim.world import WorldError
+from crux_simulation.sim.world_file import read_world
 
 VERSION = 1
 MAX_COUNT, MAX_SEED, MAX_ENTRIES = 1_000_000, 2**31 - 1, 1000

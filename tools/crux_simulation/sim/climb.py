@@ -42,7 +42,7 @@ from crux_simulation.sim.resumed import Resumed
 from crux_simulation.sim.runtime_here import RuntimeHere
 from crux_simulation.sim.runtime_process import STOP_TIMEOUT_S, RuntimeProcess, guard_time_s, runtime_arguments
 from crux_simulation.sim.truth_log import log_truth
-from crux_simulation.sim.world_file import World
+from crux_simulation.sim.world import World
 from crux_simulation.sim.world_model import change_robot, cut_corners, loosen_holds, plant_world, true_wall
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from crux_simulation.sim.emulated_boards import EmulatedBoards
 from crux_simulation.sim.firmware_binding import binding
 from crux_simulation.sim.native import library
 from crux_simulation.sim.plant import Plant
-from crux_simulation.sim.world_file import JOINT_NAMES, World
+from crux_simulation.sim.world import JOINT_NAMES, World
 
 LIBRARY = "firmware/libcrux_nodes.so"
 

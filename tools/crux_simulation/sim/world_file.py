@@ -1,221 +1,56 @@
 """World files: what differs in truth from what the plan says, as `crux climb --world FILE` reads it.
 
-Only the physics of a climb knows of it. Any number may be drawn: {uniform: [least, most]} or {normal: [mean,
-deviation]}; in place of a list of numbers, one such draw for each. examples/world.yaml has every key with its unit,
-frame and default.
+Every problem in a file is noted on the way through its YAML nodes. Any number may be drawn: {uniform: [least, most]} or
+{normal: [mean, deviation]}; in place of a list of numbers, one such draw for each. examples/world.yaml has every key
+with its unit, frame and default.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
+import zlib
+from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_type_hints
 
-import yaml
+import numpy as np
 from crux_contracts import LIMB_NAMES
-from crux_contracts.robot_bounds import JOINTS
-from crux_contracts.scenario_reader import MAX_FRICTION
-from crux_contracts.yaml_document import DocumentError, Node, read_bytes
+from crux_contracts.reading import Checker, did_you_mean
+from crux_contracts.scenario import FACE_NAMES
+from crux_contracts.yaml_document import MAX_BYTES, DocumentError, Node, Problem, parse_mapping, read_bytes
 from crux_msgs import plan_t
 
-VERSION = 1
+from crux_simulation.sim.world import (
+    AMBIENT_DEGC,
+    BY_CHANNEL,
+    ERRORS,
+    JOINT_NAMES,
+    MAX_TIME_S,
+    SENSORS,
+    SHARES,
+    VERSION,
+    GripperChange,
+    HoldChange,
+    JointChange,
+    Payload,
+    Push,
+    Range,
+    SensorError,
+    Vector,
+    World,
+    WorldError,
+)
+
 ALL = "all"
-JOINT_NAMES = tuple(f"{limb}.{joint}" for limb in LIMB_NAMES for joint in range(1, JOINTS + 1))
 MAX_ENTRIES = 1000
-MAX_TIME_S = 3600.0
-AMBIENT_DEGC = 25.0
-HAND_GONE_S = 2.0  # START: the hand that sets the robot on the wall is gone
+SECTIONS = ("holds", "robot", "sensors", "pushes")
+ROBOT_KEYS = ("payload", "ambient_degC", "joints", "grippers")
+DISTRIBUTIONS = {"uniform": "[least, most]", "normal": "[mean, deviation]"}
+_AMBIENT = Range(-40.0, 80.0, "degC")
 
-Vector = tuple[float, ...]
-ZERO: Vector = (0.0, 0.0, 0.0)
-
-
-class WorldError(DocumentError):
-    """A world file that cannot be used; str() names file, line, key, value and what would be right."""
-
-
-@dataclass(frozen=True)
-class Range:
-    low: float
-    high: float
-    unit: str = ""
-
-
-def _number(default: Any, low: float, high: float, unit: str = "") -> Any:
-    return field(default=default, metadata={"range": Range(low, high, unit)})
-
-
-def _time(default: float = MISSING, low: float = 0.0) -> Any:  # type: ignore[assignment]
-    return field(default=default, metadata={"range": Range(low, MAX_TIME_S, "s")})
-
-
-@dataclass(frozen=True)
-class HoldChange:
-    """How a hold or obstacle differs from its place in the plan; offset and change of size in its own frame."""
-
-    offset_m: tuple[float, ...] = _number(ZERO, -1.0, 1.0, "m")
-    yaw_deg: float = _number(0.0, -180.0, 180.0, "degrees")
-    size_change_m: tuple[float, ...] = _number(ZERO, -1.0, 1.0, "m")
-    corner_cut_m: tuple[float, ...] = _number((0.0, 0.0), -1.0, 1.0, "m")
-    """along x and y, from the corner on the side of their signs: what is beyond is missing, over the whole height"""
-    friction_factor: float = _number(1.0, 0.0, 10.0)
-    friction: dict[str, float] = field(default_factory=dict, metadata={"range": Range(0.0, MAX_FRICTION)})
-    """by face, in place of the plan's"""
-    spines: dict[str, bool] = field(default_factory=dict)
-    """by face: whether they grip"""
-    stiffness_N_m: float = _number(math.inf, 1e3, 2e5, "N/m")
-    """along each axis, of what fixes it to the wall"""
-    viscosity_Ns_m: float = _number(math.inf, 1e3, 1e9, "Ns/m")
-    """along each axis, of what fixes it to the wall: it creeps at force over viscosity"""
-    present: bool = True
-    breaks_at_N: float = _number(math.inf, 0.0, 1e4, "N")
-    breaks_at_s: float = _time(math.inf)
-
-
-@dataclass(frozen=True)
-class JointChange:
-    """How a joint's drive differs from the robot description."""
-
-    torque_factor: float = _number(1.0, 0.0, 2.0)
-    torque_limit_Nm: float = _number(math.inf, 0.0, 100.0, "Nm")
-    lag_s: float = _number(0.0, 0.0, 0.2, "s")
-    dead_cycles: float = _number(0.0, 0.0, 16.0, "cycles")
-    setpoint_time_constant_s: float | None = _number(None, 0.002, 0.5, "s")
-    friction_Nm: float = _number(0.0, 0.0, 20.0, "Nm")
-    stiction_Nm: float = _number(0.0, 0.0, 20.0, "Nm")
-    backlash_rad: float = _number(0.0, 0.0, 0.2, "rad")
-    stiffness_Nm_rad: float = _number(math.inf, 50.0, 5000.0, "Nm/rad")
-    heating_K_Nm2: float = _number(0.0, 0.0, 100.0, "K/Nm²")
-    heating_time_s: float = _number(30.0, 0.1, 1e4, "s")
-
-
-@dataclass(frozen=True)
-class GripperChange:
-    """How a gripper's drive differs from the robot description."""
-
-    force_factor: float = _number(1.0, 0.0, 2.0)
-    force_limit_N: float = _number(math.inf, 0.0, 1000.0, "N")
-    speed_limit_m_s: float = _number(math.inf, 1e-4, 1.0, "m/s")
-    jams_at_m: float | None = _number(None, 0.0, 0.1, "m")
-    jams_at_s: float = _time(math.inf)
-
-
-@dataclass(frozen=True)
-class Payload:
-    """A point mass on the body, at a place in the body's frame."""
-
-    mass_kg: float = _number(0.0, 0.0, 20.0, "kg")
-    position_m: tuple[float, ...] = _number(ZERO, -1.0, 1.0, "m")
-
-
-@dataclass(frozen=True)
-class Push:
-    """Force and moment on the body's centre of mass, frame W."""
-
-    at_s: float = _time(low=HAND_GONE_S)
-    for_s: float = _time()
-    force_N: tuple[float, ...] = _number(ZERO, -1000.0, 1000.0, "N")
-    moment_Nm: tuple[float, ...] = _number(ZERO, -1000.0, 1000.0, "Nm")
-
-
-@dataclass(frozen=True)
-class SensorError:
-    """What one sensor says wrongly, from `from_s` on for `for_s`."""
-
-    sensor: str
-    on: str
-    """limb or joint"""
-    error: str
-    values: Vector = ()
-    """one a channel, in the units of SENSORS; of SHARES: one number"""
-    from_s: float = 0.0
-    for_s: float = math.inf
-
-    def as_dict(self) -> dict[str, Any]:
-        """Its entry in a file."""
-        entry: dict[str, Any] = {"sensor": self.sensor, "on": self.on, "error": self.error}
-        if self.error in SHARES:
-            entry[SHARES[self.error][0]] = self.values[0]
-        elif self.error in BY_CHANNEL:
-            begin = 0
-            for unit, (count, _) in SENSORS[self.sensor].items():
-                values = list(self.values[begin : begin + count])
-                begin += count
-                if math.isfinite(values[0]):
-                    entry[unit] = values if count > 1 else values[0]
-        if self.from_s > 0:
-            entry["from_s"] = self.from_s
-        return entry | ({"for_s": self.for_s} if math.isfinite(self.for_s) else {})
-
-
-SENSORS: dict[str, dict[str, tuple[int, float]]] = {
-    "force_torque": {"N": (3, 1000.0), "Nm": (3, 100.0)},
-    "encoder": {"rad": (1, 10.0)},
-    "finger_opening": {"m": (1, 0.1)},
-    "finger_force": {"N": (1, 1000.0)},
-}
-"""Channels of a sensor by their unit: how many, and the most that an error may be."""
-BY_CHANNEL = ("bias", "jump", "drift", "saturation")
-SHARES = {
-    "scale": ("factor", Range(-10.0, 10.0)),
-    "cross_talk": ("share", Range(-1.0, 1.0)),
-    "dropout": ("share", Range(0.0, 1.0)),
-}
-ERRORS = (*BY_CHANNEL, *SHARES, "freeze", "zero", "nan")
-
-
-@dataclass(frozen=True)
-class World:
-    """A world with all numbers fixed; holds by name as in the plan, joints and grippers by place, where they differ."""
-
-    name: str
-    source_sha256: str
-    """of the file it was drawn from"""
-    seed: int
-    holds: dict[str, HoldChange] = field(default_factory=dict)
-    payload: Payload = Payload()
-    ambient_degC: float = AMBIENT_DEGC
-    joints: dict[str, JointChange] = field(default_factory=dict)
-    grippers: dict[str, GripperChange] = field(default_factory=dict)
-    sensors: tuple[SensorError, ...] = ()
-    pushes: tuple[Push, ...] = ()
-
-    def as_dict(self) -> dict[str, Any]:
-        """What its file would hold; what does not differ is left out."""
-        robot = {
-            "payload": _differing(self.payload),
-            "ambient_degC": self.ambient_degC,
-            "joints": _differing_each(self.joints),
-            "grippers": _differing_each(self.grippers),
-        }
-        sections = {
-            "holds": _differing_each(self.holds),
-            "robot": {key: value for key, value in robot.items() if value not in ({}, AMBIENT_DEGC)},
-            "sensors": [error.as_dict() for error in self.sensors],
-            "pushes": [_differing(push) for push in self.pushes],
-        }
-        return {"version": VERSION, "name": self.name, **{key: part for key, part in sections.items() if part}}
-
-    def as_yaml(self) -> str:
-        """A world file that gives this world again, whatever the seed."""
-        said = f"# Drawn from the world with sha256 {self.source_sha256}, seed {self.seed}.\n"
-        return said + yaml.safe_dump(self.as_dict(), sort_keys=False, allow_unicode=True)
-
-
-def _differing(change: Any) -> dict[str, Any]:
-    """The keys of a dataclass that are not at their default."""
-    found = {}
-    for key in fields(change):
-        value = getattr(change, key.name)
-        default = key.default_factory() if key.default_factory is not MISSING else key.default
-        if value != default:
-            found[key.name] = list(value) if isinstance(value, tuple) else value
-    return found
-
-
-def _differing_each(changes: dict[str, Any]) -> dict[str, Any]:
-    return {name: found for name, change in changes.items() if (found := _differing(change))}
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -230,9 +65,10 @@ class WorldSpec:
     def draw(self, seed: int, plan: plan_t) -> World:
         """The world of this seed on the wall of `plan`. A number's draw depends on the seed and its own place in the
         world alone. Raises WorldError for holds that the plan does not have."""
-        from crux_simulation.sim.world_reader import draw_world
-
-        return draw_world(self, seed, plan)
+        reader = _Reader(self.path, seed)
+        world = reader.world(self, [hold.name for hold in plan.holds], [bool(hold.graspable) for hold in plan.holds])
+        reader.check.finish(WorldError)
+        return world
 
 
 def read_world(path: Path) -> WorldSpec:
@@ -244,7 +80,222 @@ def read_world(path: Path) -> WorldSpec:
 
 
 def parse_world(data: bytes, path: str = "world") -> WorldSpec:
-    """Checks a world given as text; `path` names it in messages. Raises WorldError."""
-    from crux_simulation.sim.world_reader import check_world
+    """Checks a world given as text; `path` names it in messages. Raises WorldError with all problems found."""
+    try:
+        if len(data) > MAX_BYTES:
+            raise DocumentError(path, [Problem("", f"{len(data)} bytes", f"expected at most {MAX_BYTES} bytes")])
+        root = parse_mapping(data, path)
+    except DocumentError as error:
+        raise WorldError(path, error.problems) from None
+    reader = _Reader(path, None)
+    keys = reader.check.members(root, ["version", "name"], SECTIONS)
+    if "version" in keys:
+        reader.check.integer(keys["version"], VERSION, VERSION)
+    name = reader.check.text(keys["name"]) if "name" in keys else ""
+    spec = WorldSpec(name, hashlib.sha256(data).hexdigest(), path, root)
+    reader.world(spec, None, [])
+    reader.check.finish(WorldError)
+    return spec
 
-    return check_world(data, path)
+
+class _Reader:
+    """Walks a world file. Without a seed it checks; with one it draws, and what it walks has been checked."""
+
+    def __init__(self, path: str, seed: int | None) -> None:
+        self.check = Checker(path)
+        self.seed = seed
+
+    def world(self, spec: WorldSpec, holds: Sequence[str] | None, graspable: Sequence[bool]) -> World:
+        """`holds`: names in the plan, None: not known yet."""
+        root: Any = spec.root.content
+        robot = self.check.members(root["robot"], [], ROBOT_KEYS) if "robot" in root else {}
+        ambient = (
+            self.number(robot["ambient_degC"], _AMBIENT, "robot.ambient_degC") if "ambient_degC" in robot else None
+        )
+        return World(
+            spec.name,
+            spec.sha256,
+            self.seed or 0,
+            self._holds(root["holds"], holds, graspable) if "holds" in root else {},
+            self.record(Payload, [robot["payload"]], "robot.payload") if "payload" in robot else Payload(),
+            AMBIENT_DEGC if ambient is None else ambient,
+            self._joints(robot["joints"]) if "joints" in robot else {},
+            self._grippers(robot["grippers"]) if "grippers" in robot else {},
+            tuple(error for node in self._list(root, "sensors") for error in self._sensor_errors(node)),
+            tuple(self.record(Push, [node], node.key) for node in self._list(root, "pushes")),
+        )
+
+    def _list(self, root: dict[str, Node], section: str) -> list[Node]:
+        return self.check.items(root[section], MAX_ENTRIES) if section in root else []
+
+    def _mapping(self, node: Node) -> dict[str, Node]:
+        if isinstance(node.content, dict):
+            return node.content
+        self.check.note(node, "expected a mapping")
+        return {}
+
+    def _holds(self, node: Node, names: Sequence[str] | None, graspable: Sequence[bool]) -> dict[str, HoldChange]:
+        entries = self._mapping(node)
+        if names is None:
+            return {name: self.record(HoldChange, [entry], f"holds.{name}") for name, entry in entries.items()}
+        chains: dict[str, list[Node]] = {
+            name: [entries[ALL]] if ALL in entries and grasped else []
+            for name, grasped in zip(names, graspable, strict=True)
+        }
+        for name, entry in entries.items():
+            index = int(name) if name.isdecimal() else -1
+            if name in chains:
+                chains[name].append(entry)
+            elif 0 <= index < len(names):
+                chains[names[index]].append(entry)
+            elif name != ALL:
+                self.check.note_at(entry, "", "", f"no such hold in the plan; {did_you_mean(name, names)}")
+        return {name: self.record(HoldChange, chain, f"holds.{name}") for name, chain in chains.items() if chain}
+
+    def _joints(self, node: Node) -> dict[str, JointChange]:
+        entries = self.check.members(node, [], [ALL, *LIMB_NAMES, *JOINT_NAMES])
+        chains = {name: [key for key in (ALL, name[:2], name) if key in entries] for name in JOINT_NAMES}
+        return self._places(JointChange, "robot.joints", entries, chains)
+
+    def _grippers(self, node: Node) -> dict[str, GripperChange]:
+        entries = self.check.members(node, [], [ALL, *LIMB_NAMES])
+        chains = {name: [key for key in (ALL, name) if key in entries] for name in LIMB_NAMES}
+        return self._places(GripperChange, "robot.grippers", entries, chains)
+
+    def _places(
+        self, kind: type[T], where: str, entries: dict[str, Node], chains: dict[str, list[str]]
+    ) -> dict[str, T]:
+        if self.seed is None:
+            return {name: self.record(kind, [entry], where) for name, entry in entries.items()}
+        return {
+            name: self.record(kind, [entries[key] for key in chain], f"{where}.{name}")
+            for name, chain in chains.items()
+            if chain
+        }
+
+    def _sensor_errors(self, node: Node) -> list[SensorError]:
+        """One for each place that the entry is about."""
+        check = self.check
+        units = {unit for channels in SENSORS.values() for unit in channels}
+        keys = check.members(node, ["sensor", "on", "error"], [*sorted(units), "factor", "share", "from_s", "for_s"])
+        if not {"sensor", "on", "error"} <= keys.keys():
+            return []
+        sensor, error = check.choice(keys["sensor"], list(SENSORS)), check.choice(keys["error"], ERRORS)
+        places = JOINT_NAMES if sensor == "encoder" else LIMB_NAMES
+        on = check.choice(keys["on"], [ALL, *LIMB_NAMES, *(JOINT_NAMES if sensor == "encoder" else ())])
+        needed = [SHARES[error][0]] if error in SHARES else list(SENSORS[sensor]) if error in BY_CHANNEL else []
+        allowed = ["sensor", "on", "error", *needed, "from_s", "for_s"]
+        for name, member in keys.items():
+            if name not in allowed:
+                check.note_at(member, "", "", f"does not go with {error} of {sensor}; {did_you_mean(name, allowed)}")
+        if error == "cross_talk" and sensor != "force_torque":
+            check.note(keys["error"], "one channel has no cross-talk: expected it of force_torque alone")
+        if error == "jump" and "from_s" not in keys:
+            check.note_at(keys["error"], "", "", "a jump needs the time of it: from_s")
+        if not any(name in keys for name in needed) and needed:
+            check.note_at(keys["error"], "", "", f"{error} of {sensor} needs {' or '.join(needed)}")
+        return [
+            SensorError(
+                sensor,
+                place,
+                error,
+                self._sensor_values(keys, sensor, error, f"{node.key}.{place}"),
+                *(
+                    self.number(keys[name], Range(0.0, MAX_TIME_S, "s"), f"{node.key}.{place}.{name}")
+                    if name in keys
+                    else default
+                    for name, default in (("from_s", 0.0), ("for_s", math.inf))
+                ),
+            )
+            for place in ([on] if self.seed is None else places)
+            if self.seed is None or on in (ALL, place, place[:2])
+        ]
+
+    def _sensor_values(self, keys: dict[str, Node], sensor: str, error: str, place: str) -> Vector:
+        if error in SHARES:
+            name, bounds = SHARES[error]
+            return (self.number(keys[name], bounds, f"{place}.{name}"),) if name in keys else (0.0,)
+        if error not in BY_CHANNEL:
+            return ()
+        nothing = math.inf if error == "saturation" else 0.0
+        values: list[float] = []
+        for unit, (count, most) in SENSORS[sensor].items():
+            bounds = Range(0.0 if error == "saturation" else -most, most, unit)
+            if unit not in keys:
+                values += [nothing] * count
+            elif count == 1:
+                values.append(self.number(keys[unit], bounds, f"{place}.{unit}"))
+            else:
+                values += self.vector(keys[unit], bounds, count, f"{place}.{unit}")
+        return tuple(values)
+
+    def record(self, kind: type[T], chain: Sequence[Node], place: str) -> T:
+        """A dataclass of numbers, from the last node of the chain that has each key."""
+        keys: dict[str, Node] = {}
+        required = [key.name for key in fields(kind) if key.default is MISSING and key.default_factory is MISSING]  # type: ignore[arg-type]
+        optional = [key.name for key in fields(kind) if key.name not in required]  # type: ignore[arg-type]
+        for node in chain:
+            keys |= self.check.members(node, required, optional)
+        types = get_type_hints(kind)
+        values = {
+            key.name: self._value(keys[key.name], types[key.name], key, f"{place}.{key.name}")
+            for key in fields(kind)  # type: ignore[arg-type]
+            if key.name in keys
+        }
+        return kind(**(dict.fromkeys(required, 0.0) | values))
+
+    def _value(self, node: Node, kind: Any, key: Any, place: str) -> Any:
+        if kind is bool:
+            return self.check.flag(node)
+        if kind == dict[str, bool]:
+            return self._spines(node)
+        bounds: Range = key.metadata["range"]
+        if kind == dict[str, float]:
+            return self._friction(node, bounds, place)
+        if kind == Vector:
+            return self.vector(node, bounds, len(key.default), place)
+        return self.number(node, bounds, place)
+
+    def _spines(self, node: Node) -> dict[str, bool]:
+        if not isinstance(node.content, dict):
+            return dict.fromkeys(FACE_NAMES, self.check.flag(node))
+        return {face: self.check.flag(flag) for face, flag in self.check.members(node, [], FACE_NAMES).items()}
+
+    def _friction(self, node: Node, bounds: Range, place: str) -> dict[str, float]:
+        if not isinstance(node.content, dict) or set(node.content) & set(DISTRIBUTIONS):
+            return dict.fromkeys(FACE_NAMES, self.number(node, bounds, place))
+        faces = self.check.members(node, [], FACE_NAMES)
+        return {face: self.number(value, bounds, f"{place}.{face}") for face, value in faces.items()}
+
+    def vector(self, node: Node, bounds: Range, count: int, place: str) -> Vector:
+        """`count` numbers: a list, or a draw for each."""
+        if isinstance(node.content, dict):
+            return tuple(
+                self.number(node, bounds, f"{place}[{i}]") for i in range(count if self.seed is not None else 1)
+            )
+        if not isinstance(node.content, list) or len(node.content) != count:
+            self.check.note(node, f"expected a list of {count} numbers{' in ' + bounds.unit if bounds.unit else ''}")
+            return (0.0,) * count
+        return tuple(self.number(item, bounds, f"{place}[{i}]") for i, item in enumerate(node.content))
+
+    def number(self, node: Node, bounds: Range, place: str) -> float:
+        """A number within `bounds`, drawn where the file says so; a draw beyond them is their end."""
+        if not isinstance(node.content, dict):
+            return self.check.number(node, bounds.low, bounds.high, bounds.unit)
+        if len(node.content) != 1 or not set(node.content) <= set(DISTRIBUTIONS):
+            self.check.note(node, "expected a number, {uniform: [least, most]} or {normal: [mean, deviation]}")
+            return bounds.low
+        ((kind, pair),) = node.content.items()
+        if not isinstance(pair.content, list) or len(pair.content) != 2:
+            self.check.note(pair, f"expected {DISTRIBUTIONS[kind]}")
+            return bounds.low
+        first = self.check.number(pair.content[0], bounds.low, bounds.high, bounds.unit)
+        least = first if kind == "uniform" else 0.0
+        second = self.check.number(
+            pair.content[1], least, bounds.high if kind == "uniform" else bounds.high - bounds.low, bounds.unit
+        )
+        if self.seed is None:
+            return first
+        generator = np.random.default_rng([self.seed, zlib.crc32(place.encode())])
+        drawn = generator.uniform(first, second) if kind == "uniform" else generator.normal(first, second)
+        return float(np.clip(drawn, bounds.low, bounds.high))

@@ -17,15 +17,7 @@ from crux_msgs import limb_knot_t, plan_t
 from crux_tools.robot3d.robot_model import RobotModel, finger_joints
 
 from crux_simulation.sim.native import HoldBreakRow, PlantWorld, PushRow, SensorErrorRow
-from crux_simulation.sim.world_file import (
-    ERRORS,
-    JOINT_NAMES,
-    SENSORS,
-    GripperChange,
-    HoldChange,
-    JointChange,
-    World,
-)
+from crux_simulation.sim.world import ERRORS, JOINT_NAMES, SENSORS, GripperChange, HoldChange, JointChange, World
 
 GONE_M = -10.0  # z of a hold that is not there: behind the wall
 LEAST_SIZE_M = 0.005

@@ -1,0 +1,84 @@
+"""A robot as typed values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from crux_msgs.robot_keys import Sections
+from numpy.typing import NDArray
+
+from .urdf import Joint, Urdf
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Limb:
+    """One limb as YAML and URDF describe it together; SI units. Arrays have one value a joint, shoulder outwards."""
+
+    name: str
+    bus: int
+    joints: tuple[Joint, ...]
+    gripper_link: str
+    finger_joints: tuple[str, str]
+    shoulder_b_m: Array
+    """(3,) where the first three axes start, body frame."""
+    mount_rad: float
+    """Direction of the limb at q1 = 0, about the body's z."""
+    upper_link_m: float
+    lower_link_m: float
+    wrist_to_gripper_m: float
+    """Along the gripper's -z."""
+    gripper_mount_rad: float
+    """Turn of the gripper on the last joint, about its z."""
+    hand_mass_kg: float
+    """Of what hangs on the F/T sensor: gripper and fingers."""
+    hand_com_g_m: Array
+    """(3,) its centre of mass with the fingers half open, gripper frame."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def lower_rad(self) -> Array:
+        """(6,)"""
+        return np.array([joint.lower for joint in self.joints])
+
+    @property
+    def upper_rad(self) -> Array:
+        """(6,)"""
+        return np.array([joint.upper for joint in self.joints])
+
+    @property
+    def effort_Nm(self) -> Array:
+        """(6,) peak torque."""
+        return np.array([joint.effort for joint in self.joints])
+
+    @property
+    def velocity_rad_s(self) -> Array:
+        """(6,)"""
+        return np.array([joint.velocity for joint in self.joints])
+
+
+@dataclass(frozen=True)
+class Robot(Sections):
+    name: str
+    folder: Path
+    urdf_path: Path
+    urdf: Urdf
+    body_link: str
+    limbs: tuple[Limb, Limb, Limb, Limb]
+    hash: str = field(repr=False)
+
+    @property
+    def dt_s(self) -> float:
+        """Of a control cycle."""
+        return 1.0 / self.can.rate_Hz
+
+    @property
+    def total_mass_kg(self) -> float:
+        """kg, of the body and all limbs."""
+        return self.urdf.total_mass_kg
