@@ -33,7 +33,8 @@ from crux_tools.output import alone_with
 from crux_tools.replay import recompute
 from crux_tools.telemetry.can_frames import read_can_frames
 from crux_tools.telemetry.cdr_table import fixed_dtype
-from crux_tools.telemetry.reader import read_channels, read_log, read_payloads
+from crux_tools.telemetry.channels import read_channels, read_payloads
+from crux_tools.telemetry.reader import read_log
 from crux_tools.telemetry.summary import summarise
 from hand_plan import Wall, climbing_plan, finish, standing_plan
 from mcap.reader import make_reader

@@ -18,7 +18,7 @@ from crux_tools.log import edit
 from crux_tools.replay import bus_check
 from crux_tools.telemetry import read_channels
 from crux_tools.telemetry.can_frames import can_frames_of, read_can_frames
-from crux_tools.telemetry.reader import CAN_FRAMES, Payloads
+from crux_tools.telemetry.channels import CAN_FRAMES, Payloads
 from hand_plan import climbing_plan, standing_plan
 from mcap.records import Message
 

@@ -24,7 +24,7 @@ from crux_tools.cli import main
 from crux_tools.guide.guide import Attended, Guide
 from crux_tools.guide.situation import Situation
 from crux_tools.replay.recompute import recompute
-from crux_tools.telemetry.reader import Channels, read_channels
+from crux_tools.telemetry.channels import Channels, read_channels
 from shared_plans import SharedPlans
 from short_climb import with_a_spare_hold
 

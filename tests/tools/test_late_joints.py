@@ -10,7 +10,7 @@ from crux_contracts.robot import load_robot
 from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
 from crux_simulation.sim.world_file import parse_world, read_world
 from crux_tools.paths import WORLDS
-from crux_tools.telemetry.reader import read_channels
+from crux_tools.telemetry.channels import read_channels
 from hand_plan import climbing_plan
 
 CLIMBING = 2  # robot_state_t

@@ -27,7 +27,8 @@ from crux_tools.errors import UsageError
 from crux_tools.operator_link import OperatorLink
 from crux_tools.operator_status import status_json, status_lines
 from crux_tools.replay.recompute import recompute
-from crux_tools.telemetry.reader import read_channels, read_log
+from crux_tools.telemetry.channels import read_channels
+from crux_tools.telemetry.reader import read_log
 from crux_tools.telemetry.summary import summarise
 from hand_plan import climbing_plan
 

@@ -11,7 +11,7 @@ from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
 from crux_simulation.sim.plant import Plant
 from crux_simulation.sim.world_file import parse_world
 from crux_tools.robot3d.robot_model import build_model
-from crux_tools.telemetry.reader import Channels, read_channels
+from crux_tools.telemetry.channels import Channels, read_channels
 from hand_plan import HALF_HOLD_M, climbing_plan, standing_plan
 from holding_controller import HoldingController
 

@@ -14,7 +14,7 @@ from crux_simulation.sim.fault_file import Fault
 from crux_simulation.sim.firmware_nodes import FirmwareNodes
 from crux_simulation.sim.plant import Plant
 from crux_tools.robot3d.robot_model import build_model
-from crux_tools.telemetry.reader import read_channels
+from crux_tools.telemetry.channels import read_channels
 from hand_plan import Wall, climbing_plan, standing_plan
 from holding_controller import HoldingController
 from shared_plans import SCENES, SharedPlans

@@ -11,7 +11,7 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
 from crux_simulation.sim.world_file import parse_world
-from crux_tools.telemetry.reader import Channels, read_channels
+from crux_tools.telemetry.channels import Channels, read_channels
 from hand_plan import climbing_plan
 
 pytestmark = pytest.mark.usefixtures("briefly_watched")

@@ -15,7 +15,8 @@ import pytest
 from crux_msgs import truth_contacts_t
 from crux_simulation.sim.judge import pad_travel
 from crux_tools.report.command import write_report
-from crux_tools.telemetry.reader import read_channels, read_log
+from crux_tools.telemetry.channels import read_channels
+from crux_tools.telemetry.reader import read_log
 from shared_plans import SharedPlans
 
 SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"

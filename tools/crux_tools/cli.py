@@ -128,7 +128,7 @@ WRONG_INPUT = {
     "crux_contracts.yaml_document": "DocumentError",
     "crux_contracts.plan_file": "PlanFileError",
     "crux_contracts.output_file": "OutputError",
-    "crux_tools.telemetry.reader": "LogError",
+    "crux_tools.telemetry.channels": "LogError",
 }
 NO_SUCCESS = {"crux_planner.errors": "InfeasibleError"}
 

@@ -82,8 +82,9 @@ void crux_nodes_deliver(limb *owner, int index, const crux_frame *frame);
 /// False, with the reason in crux_nodes_error(), when there is no such node: limb 0..3, node 1..7.
 bool crux_nodes_exists(int limb_index, int node);
 
-/// Keeps errno's words for crux_nodes_error(); always false.
+/// Keep errno's words for crux_nodes_error(), of a bus or of all; always false.
 bool crux_nodes_bus_failure(int limb_index, const char *what);
+bool crux_nodes_failure(const char *what);
 
 /// Counts one down; false when it was 0 already.
 bool crux_interference_use_up(uint32_t *count);

@@ -12,7 +12,7 @@ from crux_msgs import command_t, robot_state_t
 from crux_simulation.sim.ports import run_ports
 from crux_tools.errors import UsageError
 from crux_tools.replay.recompute import recompute
-from crux_tools.telemetry.reader import read_channels
+from crux_tools.telemetry.channels import read_channels
 from hand_plan import standing_plan
 from own_runtime import Runtime, Starter
 from robot_on_wall import PATIENCE_S, RobotOnWall

@@ -23,7 +23,8 @@ from crux_tools.output import note
 from crux_tools.priority import no_garbage_collection, realtime_priority
 from crux_tools.report.joints import joint_loads
 from crux_tools.robot3d.robot_model import RobotModel, build_model
-from crux_tools.telemetry.reader import LogError, read_log
+from crux_tools.telemetry.channels import LogError
+from crux_tools.telemetry.reader import read_log
 from crux_tools.telemetry.summary import FaultNote, summarise
 from crux_tools.telemetry.wording import fault_line
 from mujoco import MjSpec

@@ -10,7 +10,7 @@ from crux_contracts.channels import BY_TOPIC, SCHEMAS
 from crux_msgs import truth_contacts_t, truth_verdict_t
 from crux_tools.telemetry.append import Series, append
 from crux_tools.telemetry.cdr_table import LITTLE_ENDIAN_HEADER, fixed_dtype
-from crux_tools.telemetry.reader import WORLD
+from crux_tools.telemetry.channels import WORLD
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 

@@ -102,7 +102,7 @@ def of_robot(url: str) -> Any:
 
 def of_log(path: Path) -> Any:
     """What a log says last, with the attributes of a status_t. Raises UsageError."""
-    from crux_tools.telemetry.reader import LogError, read_channels
+    from crux_tools.telemetry.channels import LogError, read_channels
 
     try:
         tables = read_channels(path, TOPICS).tables

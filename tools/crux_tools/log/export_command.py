@@ -15,7 +15,7 @@ from crux_tools.output import add_json_option, note, print_json
 if TYPE_CHECKING:
     from crux_tools.log.seen import Seen
     from crux_tools.telemetry import Channels
-    from crux_tools.telemetry.reader import Payloads
+    from crux_tools.telemetry.channels import Payloads
 
 DEFAULT_RATE_HZ = 50.0
 FORMS = {
@@ -81,8 +81,9 @@ def _export(options: argparse.Namespace) -> int:
 
     from crux_tools.log.seen import seen, utc_clock
     from crux_tools.output import alone_with
+    from crux_tools.telemetry.channels import read_both
     from crux_tools.telemetry.description import robot_of
-    from crux_tools.telemetry.reader import read_both, telemetry_of
+    from crux_tools.telemetry.reader import telemetry_of
 
     if options.form in TABLES:
         look_at_folder("-o", options.output)

@@ -59,7 +59,7 @@ def messages(log: Path, from_s: float, to_s: float) -> list[Played]:
     import numpy as np
     from crux_contracts.channels import BY_TOPIC
 
-    from crux_tools.telemetry.reader import fits_definition, read_payloads
+    from crux_tools.telemetry.channels import fits_definition, read_payloads
 
     topics = {topic for topic, channel in BY_TOPIC.items() if channel.writer != "tools"} - KEPT_BACK
     read = read_payloads(log, topics)
@@ -81,7 +81,7 @@ def messages(log: Path, from_s: float, to_s: float) -> list[Played]:
 
 
 def _encoded(log: Path, topic: str, encode: Callable[[bytes], bytes], payload: bytes) -> bytes:
-    from crux_tools.telemetry.reader import fits_definition
+    from crux_tools.telemetry.channels import fits_definition
 
     with fits_definition(log, topic):
         return encode(payload)

@@ -20,7 +20,7 @@ from crux_tools.log.markers import force_markers, wall_markers
 from crux_tools.log.ros2 import Rows, definition, encoded, laid_out, stamp
 from crux_tools.log.seen import Seen, contact_frame
 from crux_tools.telemetry.cdr_table import fixed_dtype
-from crux_tools.telemetry.reader import Payloads
+from crux_tools.telemetry.channels import Payloads
 
 BLOCK_ROWS = 1000  # derived at a time
 OF_A_LIMB = {channel.topic for channel in CHANNELS if channel.per_limb}

@@ -31,7 +31,8 @@ def run_note(options: argparse.Namespace) -> int:
     """Exit status 0 when it is in the log."""
     from crux_tools.telemetry import LogError, is_log, read_channels
     from crux_tools.telemetry.append import append
-    from crux_tools.telemetry.reader import NOTE_METADATA, STATE_TOPIC
+    from crux_tools.telemetry.channels import NOTE_METADATA
+    from crux_tools.telemetry.reader import STATE_TOPIC
 
     text = " ".join(options.text.split())
     if not text:

@@ -11,7 +11,7 @@ from crux_msgs import can_frames_t
 
 from crux_tools.telemetry.can_frames import CHECKED, HEALTH, CanFrames, can_frames_of, checksum
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
-from crux_tools.telemetry.reader import Payloads, read_payloads
+from crux_tools.telemetry.channels import Payloads, read_payloads
 
 ID_BITS = 11  # of a standard identifier
 COUNTS = ("crc_errors", "repeated", "lost")

@@ -70,7 +70,7 @@ def _check(options: argparse.Namespace) -> int:
 
     from crux_tools.replay import recompute
     from crux_tools.telemetry.can_frames import CHECKED, HEALTH
-    from crux_tools.telemetry.reader import read_payloads
+    from crux_tools.telemetry.channels import read_payloads
 
     log = read_payloads(options.log, recompute.TOPICS | CHECKED)
 

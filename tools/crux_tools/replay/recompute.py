@@ -26,9 +26,9 @@ from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import progress
 from crux_tools.paths import built
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
+from crux_tools.telemetry.channels import Payloads, read_payloads
 from crux_tools.telemetry.description import difference, robot_of
 from crux_tools.telemetry.log_format import newer_format
-from crux_tools.telemetry.reader import Payloads, read_payloads
 
 T = TypeVar("T")
 BINARY = "runtime/app/crux-recompute"

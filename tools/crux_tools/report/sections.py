@@ -21,8 +21,8 @@ from crux_tools.report.renderer import NoGraphicsError
 from crux_tools.report.verdict import APPLIED, PLANNED, facts, sentence
 from crux_tools.robot3d.start_pose import RobotPose
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.channels import WORLD
 from crux_tools.telemetry.description import difference, robot_of
-from crux_tools.telemetry.reader import WORLD
 from crux_tools.telemetry.summary import CLIMBING, SWING, Summary, runs
 from crux_tools.telemetry.wording import rows as summary_rows
 

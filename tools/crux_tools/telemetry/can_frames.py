@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crux_tools.telemetry.reader import CAN_FRAMES, Payloads, read_payloads
+from crux_tools.telemetry.channels import CAN_FRAMES, Payloads, read_payloads
 
 HEALTH = "/bus_health"
 CHECKED = {HEALTH, CAN_FRAMES}  # what the end-to-end checks are done again with

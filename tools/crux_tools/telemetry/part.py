@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from mcap.records import ChunkIndex
 
+from crux_tools.telemetry.channels import CAN_FRAMES, Channels, LogError, Raw, decode
 from crux_tools.telemetry.chunks import MESSAGE_HEAD, RECORD_HEAD, IndexedLog, indexed
-from crux_tools.telemetry.reader import CAN_FRAMES, Channels, LogError, Raw, decode
 
 RARE = {"/command", "/acknowledgement", "/plan", "/fault", "/truth/verdict"}
 CLOCK = "/limb_telemetry"  # cycles that have it have all else
