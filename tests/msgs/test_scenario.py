@@ -1,56 +1,13 @@
 from __future__ import annotations
 
-import copy
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
-import yaml
-from crux_contracts.scenario import Scenario, ScenarioError, load_scenario, parse_scenario
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from crux_contracts.scenario import ScenarioError, load_scenario, parse_scenario
+from scenario_texts import GOOD_TEXT, POINT_TEXT
 
 SCENARIOS = sorted((Path(__file__).resolve().parents[2] / "msgs" / "scenarios").glob("*.yaml"))
-GOOD_TEXT = """\
-version: 1
-name: good
-robot: scaler
-wall: {slope_deg: 45, friction: 0.6}
-contact: {model: patch, patch_radius_m: 0.02, max_normal_N: 60, spine_shear_N: 5, spine_twist_Nm: 0.05,
-  spines_only: {RF: 2}}
-holds:
-  - {name: a, position_m: [0.14, 0.36], size_m: [0.06, 0.06, 0.06], yaw_deg: 0, friction: 2.2}
-  - name: b
-    position_m: [0.14, -0.36]
-    size_m: [0.06, 0.06, 0.06]
-    yaw_deg: 12
-    friction: {+x: 2.2, -x: 2.1, +y: 0.0, -y: 0.0, top: 2.0}
-    spines: {+y: false, -y: false}
-  - {name: c, position_m: [-0.14, 0.36], size_m: [0.06, 0.06, 0.06], friction: 2.2, spines: false}
-  - {name: d, position_m: [-0.14, -0.36], size_m: [0.06, 0.06, 0.06], friction: 2.2}
-obstacles:
-  - {name: pillar, position_m: [0.56, 0.36], size_m: [0.06, 0.06, 0.2], yaw_deg: 30}
-start:
-  body: {position_m: [0.0, 0.0, 0.185], rpy_deg: [0, 0, 0]}
-  grasps: {LF: {hold: a, faces: x}, RF: {hold: b, faces: y}, LR: {hold: c, faces: x}, RR: {hold: d, faces: x}}
-goal:
-  body: {position_m: [0.2, 0.0, 0.185], rpy_deg: [0, 0, 5], tolerance_m: 0.02, tolerance_deg: 2}
-  grasps: {LF: {hold: c, faces: x}}
-horizon: {steps: 40, dt_s: 2.0}
-planner: {method: multi_block, rho: 10, iterations: 5, limit_surface: inner,
-  weights: {lift: 2}, margins: {friction: 0.1}}
-"""
-POINT_TEXT = """\
-version: 1
-name: walk
-robot: scaler
-wall: {slope_deg: 0}
-contact: {model: point}
-start: {body: {position_m: [0, 0, 0.185]}, feet: {LF: [0.1, 0.3], RF: [0.1, -0.3], LR: [-0.1, 0.3], RR: [-0.1, -0.3]}}
-goal: {body: {position_m: [0.4, 0, 0.185]}}
-horizon: {steps: 40, dt_s: 0.08}
-"""
 
 
 def test_every_value_is_read() -> None:
@@ -341,61 +298,3 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 def test_point_contacts_need_feet(change: tuple[str, str], says: str) -> None:
     with pytest.raises(ScenarioError, match=says):
         parse_scenario(POINT_TEXT.replace(*change))
-
-
-def _paths(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    children = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    return [path, *(deeper for key, child in children for deeper in _paths(child, (*path, key)))]
-
-
-GOOD = yaml.safe_load(GOOD_TEXT)
-ODD_VALUES = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(),
-    st.floats(),
-    st.text(max_size=20),
-    st.lists(st.integers(), max_size=4),
-    st.dictionaries(st.text(max_size=5), st.integers(), max_size=3),
-    st.sampled_from(["x", "a", "+x", "patch", "LF", {}]),
-)
-
-
-@settings(deadline=None, max_examples=400)
-@given(data=st.data())
-def test_any_change_of_a_good_scenario_loads_or_tells(data: st.DataObject) -> None:
-    document = copy.deepcopy(GOOD)
-    for _ in range(data.draw(st.integers(1, 3))):
-        path = data.draw(st.sampled_from(_paths(document)[1:]))
-        parent = document
-        for step in path[:-1]:
-            parent = parent[step]
-        action = data.draw(st.sampled_from(["delete", "replace", "rename"]))
-        if action == "delete":
-            del parent[path[-1]]
-        elif action == "replace" or isinstance(parent, list):
-            parent[path[-1]] = data.draw(ODD_VALUES)
-        else:
-            parent[data.draw(st.text(max_size=12))] = parent.pop(path[-1])
-        if not isinstance(document, dict) or not document:
-            break
-    _loads_or_tells(yaml.safe_dump(document, allow_unicode=True))
-
-
-@settings(deadline=None, max_examples=300)
-@given(data=st.data())
-def test_any_change_of_the_bytes_loads_or_tells(data: st.DataObject) -> None:
-    text = bytearray(GOOD_TEXT.encode())
-    for _ in range(data.draw(st.integers(1, 8))):
-        start = data.draw(st.integers(0, len(text)))
-        text[start : start + data.draw(st.integers(0, 6))] = data.draw(st.binary(max_size=6))
-    _loads_or_tells(bytes(text))
-
-
-def _loads_or_tells(source: str | bytes) -> None:
-    try:
-        assert isinstance(parse_scenario(source, "s.yaml"), Scenario)
-    except ScenarioError as error:
-        text = str(error)
-        assert text.startswith("s.yaml")
-        assert len(text.splitlines()) <= 21

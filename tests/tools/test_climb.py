@@ -2,83 +2,30 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import io
-import json
-import math
-import os
 import re
 import shutil
-import signal
-import socket
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from climbs import climb_here, finish_climb, messages, saved, start_climb
 from crux_contracts import LIMB_NAMES, can_codec
-from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import ROBOTS, load_robot
-from crux_msgs import command_t, plan_t
-from crux_simulation.sim.lcm_flood import FIRST_REQUEST
 from crux_tools.cli import main
 from crux_tools.errors import WorkFailed
-from crux_tools.output import alone_with
 from crux_tools.replay import recompute
 from crux_tools.telemetry.can_frames import read_can_frames
 from crux_tools.telemetry.cdr_table import fixed_dtype
-from crux_tools.telemetry.channels import read_channels, read_payloads
+from crux_tools.telemetry.channels import read_payloads
 from crux_tools.telemetry.reader import read_log
 from crux_tools.telemetry.summary import summarise
 from hand_plan import Wall, climbing_plan, finish, standing_plan
-from mcap.reader import make_reader
 
 KEYS = {"ok", "reached_goal", "fell", "slips", "tracking", "real_time_factor", "missed_cycles", "log"}
-WALL_TIME = ("/cycle_timing", "/can_frames")
-TIMEOUT_S = 600
-PERIOD_S, STALL_S = 0.002, 0.005
 Climb = tuple[int, dict[str, Any], Path]  # exit status, result, log
-
-
-def start_climb(plan: Path, log: Path, *options: str, before: Sequence[str] = ()) -> subprocess.Popen[str]:
-    words = [*before, sys.executable, "-m", "crux_tools.cli", "climb", str(plan), "-o", str(log), "--json", *options]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def finish_climb(process: subprocess.Popen[str]) -> tuple[int, dict[str, Any]]:
-    output, errors = process.communicate(timeout=TIMEOUT_S)
-    assert "Traceback" not in errors
-    return process.returncode, json.loads(output)
-
-
-def climb_here(plan: Path, log: Path, *options: str) -> tuple[int, dict[str, Any]]:
-    """Exit status and result of the same command in this process: a second less of imports."""
-    told = io.StringIO()
-    with contextlib.redirect_stdout(told):
-        status = main(["climb", str(plan), "-o", str(log), "--json", *options])
-    return status, json.loads(told.getvalue())
-
-
-def saved(folder: Path, plan: plan_t) -> Path:
-    path = folder / "plan.mcap"
-    write_plan(path, plan)
-    return path
-
-
-def messages(log: Path) -> dict[str, list[tuple[int, bytes]]]:
-    """Everything in a log but what carries wall time; `frames` has the rest of /can_frames."""
-    found: dict[str, list[tuple[int, bytes]]] = {}
-    with log.open("rb") as stream:
-        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
-            if channel.topic not in WALL_TIME:
-                found.setdefault(channel.topic, []).append((message.log_time, message.data))
-    return found
 
 
 @cache
@@ -288,105 +235,6 @@ def test_slow_position_loops_of_a_world_let_grippers_lag(one_limb: Climb, tmp_pa
     assert slow["tracking"]["finger_m"] > 2 * one_limb[1]["tracking"]["finger_m"]
 
 
-def _runtime_of(bench: subprocess.Popen[str]) -> int:
-    children = Path(f"/proc/{bench.pid}/task/{bench.pid}/children").read_text(encoding="ascii").split()
-    return next(int(child) for child in children if "crux-runtime" in Path(f"/proc/{child}/cmdline").read_text())
-
-
-def _runs(process: int) -> bool:
-    """A zombie, which its parent has not asked about, has ended."""
-    try:
-        return ") Z " not in Path(f"/proc/{process}/stat").read_text(encoding="ascii")
-    except OSError:
-        return False
-
-
-def _wait_for(is_so: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + TIMEOUT_S
-    while not is_so():
-        assert time.monotonic() < end_s
-        time.sleep(0.05)
-
-
-def test_kill_9_of_the_runtime_leaves_the_robot_on_the_wall(tmp_path: Path) -> None:
-    log = tmp_path / "log.mcap"
-    bench = start_climb(saved(tmp_path, climbing_plan()), log, "--bus", "udp")
-    enough = 6_000_000  # bytes: the climb begins after half of them, and what was written last is lost
-    _wait_for(lambda: bench.poll() is not None or (log.exists() and log.stat().st_size > enough))
-    assert bench.poll() is None, bench.communicate()
-    os.kill(_runtime_of(bench), signal.SIGKILL)
-    status, result = finish_climb(bench)
-    assert status == 1
-    assert result["ok"] is False
-    assert result["robot_on_wall"] is True
-    assert "signal 9" in result["reason"]
-    told = read_log(log)
-    assert len(told.state) > 500
-    assert told.end is None
-    assert told.verdict is not None  # the simulation lives on, and adds it to what the runtime left
-    assert (told.verdict.ok, told.verdict.log_complete, told.verdict.reason) == (False, False, result["reason"])
-    assert len(messages(log)["/truth/body"]) > len(told.state) / 5
-
-
-def test_a_service_manager_is_told_that_the_runtime_runs_and_goes_on(tmp_path: Path) -> None:
-    """Nothing before the nodes have answered, then what systemd's Type=notify and WatchdogSec wait for."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager, pytest.MonkeyPatch.context() as environment:
-        manager.bind(str(tmp_path / "notify"))
-        environment.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
-        plan = saved(tmp_path, standing_plan())
-        status, _ = finish_climb(start_climb(plan, tmp_path / "log.mcap", "--bus", "udp"))
-        manager.setblocking(False)
-        told = [manager.recv(100) for _ in range(4)]
-    assert status == 0
-    assert told == [b"READY=1", b"WATCHDOG=1", b"WATCHDOG=1", b"WATCHDOG=1"]
-
-
-def test_kill_9_of_the_simulation_ends_the_runtime(tmp_path: Path) -> None:
-    log = tmp_path / "log.mcap"
-    bench = start_climb(saved(tmp_path, climbing_plan()), log, "--bus", "udp")
-    _wait_for(lambda: bench.poll() is not None or log.exists())
-    runtime = _runtime_of(bench)
-    bench.kill()
-    bench.communicate()
-    _wait_for(lambda: not _runs(runtime))
-
-
-def test_a_log_that_finds_no_space_is_said_and_the_climb_judged_all_the_same(tmp_path: Path) -> None:
-    words = ["prlimit", "--fsize=1500000"]  # bytes; half of what the log would take
-    log = tmp_path / "log.mcap"
-    status, result = finish_climb(start_climb(saved(tmp_path, standing_plan()), log, before=words))
-    assert status == 1
-    assert (result["ok"], result["log_complete"]) == (False, False)
-    assert result["reason"] == "log incomplete: file too large"
-    assert (result["reached_goal"], result["fell"], result["slips"]) == (True, False, 0)
-    assert result["goal_error"]["m"] < 0.01
-    told = read_channels(log).messages.get("/truth/verdict", [])  # there may have been space left for it
-    assert [verdict.reason for verdict in told] == [result["reason"]] * len(told)
-
-
-def test_a_flood_of_messages_reaches_the_runtime_and_the_robot_climbs_on(tmp_path: Path) -> None:
-    faults, log = tmp_path / "faults.yaml", tmp_path / "log.mcap"
-    faults.write_text("version: 1\nfaults: [{kind: lcm_flooded, at_s: 3, for_s: 5}]\n")
-    plan = saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
-    status, result = finish_climb(start_climb(plan, log, "--bus", "udp", "--faults", str(faults)))
-    assert status == 0, result
-    assert result["missed_cycles"] == 0
-    flood = [command for command in read_log(log).commands if command.request_id >= FIRST_REQUEST]
-    assert len(flood) > 100
-    assert {command.command for command in flood} == {command_t.START}
-
-
-def test_a_log_that_is_being_written_is_not_written_by_a_second_climb(tmp_path: Path) -> None:
-    plan, log = saved(tmp_path, standing_plan()), tmp_path / "log.mcap"
-    log.write_bytes(b"the first one's")
-    (tmp_path / "link").symlink_to(tmp_path)
-    with alone_with(log):  # as a climb does as long as it runs
-        status, second = finish_climb(start_climb(plan, tmp_path / "link" / "log.mcap"))
-    assert status == 2
-    assert "another command is writing it" in second["error"]
-    assert log.read_bytes() == b"the first one's"
-
-
 def test_a_wall_too_smooth_for_the_robot_is_a_failed_climb(tmp_path: Path) -> None:
     smooth = standing_plan(Wall(friction=(0.1,) * 5, spines=(0,) * 5))
     status, result = climb_here(saved(tmp_path, smooth), tmp_path / "log.mcap")
@@ -403,23 +251,3 @@ def test_a_plan_for_another_robot_is_refused(tmp_path: Path) -> None:
     assert status == 2
     assert all(word in result["error"] for word in ("robot_sha256", "000000000000", "scaler", "plan it again"))
     assert not log.exists()
-
-
-def stalled(log: Path, result: dict[str, Any]) -> bool:
-    """Whether the machine itself took the processors away (a busy host of a virtual one does): the runtime was woken
-    late or never, or the bench came too late for several cycles."""
-    woken_late_s = [1e-9 * timing.late_ns for timing in read_channels(log).messages.get("/cycle_timing", [])]
-    return max(woken_late_s, default=math.inf) > STALL_S or bool(result["missed_cycles"] * PERIOD_S > STALL_S)
-
-
-@pytest.mark.alone
-def test_by_the_clock(tmp_path: Path) -> None:
-    """Where the machine lets it, the climb takes its time by the clock; where not, the robot holds and that is said."""
-    plan, log = saved(tmp_path, standing_plan()), tmp_path / "log.mcap"
-    status, result = finish_climb(start_climb(plan, log, "--pace", "realtime"))
-    assert not result["fell"]
-    if status == 1 and stalled(log, result):
-        assert any(cause in result["reason"] for cause in ("cycle_late", "all_nodes_silent", "all_nodes_hold")), result
-        return
-    assert status == 0, result
-    assert result["real_time_factor"] == pytest.approx(1.0, abs=0.05)
