@@ -17,8 +17,8 @@ from crux_tools.cli import main
 from crux_tools.log import edit
 from crux_tools.replay import bus_check
 from crux_tools.telemetry import read_channels
-from crux_tools.telemetry.can_frames import can_frames_of, read_can_frames
-from crux_tools.telemetry.channels import CAN_FRAMES, Payloads
+from crux_tools.telemetry.can_frames import CHECKED, can_frames_of, read_can_frames
+from crux_tools.telemetry.channels import CAN_FRAMES, Payloads, read_payloads
 from hand_plan import climbing_plan, standing_plan
 from mcap.records import Message
 
@@ -79,7 +79,7 @@ def damaged(source: Path, target: Path, change: bytes) -> None:
 def test_a_frame_that_is_another_one_is_found(whole: Path, tmp_path: Path) -> None:
     log = tmp_path / "log.mcap"
     damaged(whole, log, b"\x07")
-    found = bus_check.check_frames(log)
+    found = bus_check.checked(read_payloads(log, CHECKED))
     assert found is not None
     assert found.first_difference == "cycles 351 to 401, RF: crc_errors 0 in /bus_health, 1 by /can_frames"
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from crux_contracts import LIMB_NAMES, can_codec
 from crux_msgs import can_frames_t
 
-from crux_tools.telemetry.can_frames import CHECKED, HEALTH, CanFrames, can_frames_of, checksum
+from crux_tools.telemetry.can_frames import HEALTH, CanFrames, can_frames_of, checksum
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
-from crux_tools.telemetry.channels import Payloads, read_payloads
+from crux_tools.telemetry.channels import Payloads
 
 ID_BITS = 11  # of a standard identifier
 COUNTS = ("crc_errors", "repeated", "lost")
@@ -24,11 +23,6 @@ class BusCheck:
 
     frames: int
     first_difference: str | None
-
-
-def check_frames(path: Path) -> BusCheck | None:
-    """As `checked`, of a file. Raises LogError."""
-    return checked(read_payloads(path, CHECKED))
 
 
 def checked(log: Payloads) -> BusCheck | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import fcntl
 import json
 import os
@@ -66,7 +65,6 @@ class Page:
         self._pipe = pipe
         self._number = 0
         self._session: dict[str, Any] = {}
-        self._contexts: list[int] = []
         self.errors: list[str] = []
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
@@ -91,9 +89,7 @@ class Page:
 
     def _listen(self, message: dict[str, Any]) -> None:
         told = message.get("params", {})
-        if message.get("method") == "Runtime.executionContextCreated":
-            self._contexts.append(told["context"]["id"])
-        elif message.get("method") == "Runtime.exceptionThrown":
+        if message.get("method") == "Runtime.exceptionThrown":
             details = told["exceptionDetails"]
             self.errors.append(str(details.get("exception", {}).get("description", details.get("text"))))
         elif message.get("method") == "Runtime.consoleAPICalled" and told["type"] == "error":
@@ -115,12 +111,6 @@ class Page:
             if time.monotonic() > end:
                 raise WorkFailed(f"the page has not come so far in {timeout_s:g} s: {expression}")
             time.sleep(0.05)
-
-    def everywhere(self, expression: str) -> None:
-        """Evaluates an expression in every frame."""
-        for context in self._contexts:
-            with contextlib.suppress(WorkFailed):  # one that is gone
-                self.call("Runtime.evaluate", expression=expression, contextId=context)
 
     def press(self, key: str, shift: bool = False) -> None:
         """A key by its name in KeyboardEvent.key."""
