@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 COMPONENT_OF = {"crux_contracts": "msgs", "crux_msgs": "msgs", "generate": "msgs", "crux_planner": "planner"}
 COMPONENT_OF |= {"crux_tools": "tools", "crux_simulation": "tools", "crux_can_kernel": "tools"}
-COMPONENT_OF |= {"crux_nodes": "firmware", "crux_emulated": "firmware"}
+COMPONENT_OF |= {"crux_nodes": "firmware"}
 MAY_USE = {"msgs": set(), "planner": {"msgs"}, "runtime": {"msgs"}, "firmware": {"msgs"}, "tools": {"msgs", "planner"}}
 DRAWS = ("robot3d", "report", "view")  # by MuJoCo, which crux-sim brings; nothing else of crux_tools needs them
 SHOWS = {"tools/crux_tools/replay/command.py"}  # opens the viewer where it is installed, once all else is done
@@ -179,3 +179,10 @@ def test_a_node_knows_neither_port_nor_what_is_composed_beside_it(folder: str) -
     for path, name in includes(ROOT / "firmware" / folder):
         home = homes.get(name.rpartition("/")[2], folder)
         assert name in WORDS or home in {folder, *NODE[folder]}, f"{path}: {name} of {home}"
+
+
+def test_the_firmware_includes_nothing_of_the_simulation() -> None:
+    simulated = {path.name for path in (ROOT / "tools" / "sim").rglob("*.h*")}
+    assert simulated
+    used = [f"{path}: {name}" for path, name in includes(ROOT / "firmware") if name.rpartition("/")[2] in simulated]
+    assert not used

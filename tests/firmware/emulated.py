@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import crux_emulated
 from crux_contracts.robot import Robot
+from crux_simulation.sim import crux_emulated
 from crux_tools.paths import built
 
 GRIPPER = crux_emulated.GRIPPER
@@ -23,7 +23,7 @@ def image(node: int) -> Path:
 def board(robot: Robot, limb: int, node: int, file: Path | None = None) -> Iterator[crux_emulated.Board]:
     """A board with its own image, or another file's."""
     around = crux_emulated.world(robot, node)
-    library = built("firmware/libcrux_emulated.so")
+    library = built("tools/sim/boards/libcrux_emulated.so")
     with crux_emulated.Board(library, file or image(node), limb, node, around) as made:
         yield made
 

@@ -8,9 +8,9 @@ import struct
 import subprocess
 from pathlib import Path
 
-import crux_emulated
 import pytest
 from crux_contracts.robot import load_robot
+from crux_simulation.sim import crux_emulated
 from crux_tools.paths import built
 from emulated import board, elf, image
 
@@ -68,7 +68,7 @@ def instructions() -> list[tuple[int, int, str]]:
 
 
 def test_every_instruction_of_an_image_is_in_the_tables() -> None:
-    library = built("firmware/libcrux_emulated.so")
+    library = built("tools/sim/boards/libcrux_emulated.so")
     seen = {}
     for first, second, text in instructions():
         conditional = re.match(r"b(eq|ne|cs|cc|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)(\.[nw])?\t|cbn?z", text)

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import crux_emulated
 import pytest
 from crux_contracts import can_codec
 from crux_contracts.robot import Robot, load_robot
+from crux_simulation.sim import crux_emulated
 from crux_simulation.sim.emulated_boards import EmulatedBoards, Place
 from crux_tools.errors import UsageError
 from emulated import board, elf, image

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-import crux_emulated
 import pytest
 from crux_contracts.can_codec import Values
 from crux_contracts.motors import joint_continuous_torque_Nm
 from crux_contracts.robot import Robot, load_robot
+from crux_simulation.sim import crux_emulated
 from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
 from crux_tools.can.param_command import describe, write
 from emulated import board

@@ -5,12 +5,12 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 
-import crux_emulated
 import pytest
 from crux_contracts.node_parameters import table
 from crux_contracts.node_services import number
 from crux_contracts.robot import Robot, load_robot
 from crux_contracts.robot_bounds import JOINTS
+from crux_simulation.sim import crux_emulated
 from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
 from crux_tools.can.param_command import describe, run_routine, write
 from emulated import GRIPPER, board

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from crux_contracts.node_services import number
 from crux_contracts.robot import Robot, load_robot
-from crux_emulated import GRIPPER, Board, Cut
+from crux_simulation.sim.crux_emulated import GRIPPER, Board, Cut
 from crux_tools.can.image import read_images
 from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
 from crux_tools.can.update_command import load, slots, suitable, wait_until_confirmed

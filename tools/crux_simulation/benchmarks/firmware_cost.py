@@ -18,8 +18,8 @@ from crux_contracts.can_codec import Values
 from crux_contracts.robot import Robot, load_robot
 from crux_tools.output import note, print_json
 
+from crux_simulation.sim import crux_emulated
 from crux_simulation.sim.emulated_boards import GRIPPER, EmulatedBoards, Place
-from crux_simulation.sim.firmware_binding import binding
 
 CORE_HZ = 170e6
 PERIOD_S = 50e-6  # of the current loop
@@ -113,11 +113,10 @@ def _live(board: Any, place: Place, robot: Robot, case: str) -> None:
 
 def measure(robot: Robot) -> list[Load]:
     """Both images through every case. Raises WorkFailed when an image goes wrong."""
-    emulated = binding("emulated", "crux_emulated")
     loads = []
     for image, place in (("joint", Place(0, 2)), ("gripper", Place(0, GRIPPER))):
         costs: dict[int, dict[str, Any]] = {}
-        interrupts = {"current loop": emulated.ADC, "CAN": emulated.FDCAN1, "SysTick": emulated.SYSTICK}
+        interrupts = {"current loop": crux_emulated.ADC, "CAN": crux_emulated.FDCAN1, "SysTick": crux_emulated.SYSTICK}
         for case in CASES:
             with ExitStack() as stack:
                 boards = stack.enter_context(EmulatedBoards([place], robot))

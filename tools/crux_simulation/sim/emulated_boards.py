@@ -15,10 +15,11 @@ from crux_contracts.robot import Robot
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.paths import built
 
-from crux_simulation.sim.firmware_binding import binding
+from crux_simulation.sim import crux_emulated
+from crux_simulation.sim.firmware_binding import crux_nodes
 from crux_simulation.sim.plant import Plant
 
-LIBRARY = "firmware/libcrux_emulated.so"
+LIBRARY = "tools/sim/boards/libcrux_emulated.so"
 IMAGES = "firmware/ports/stm32g474"
 NODES = range(1, GRIPPER_NODE + 1)
 GRIPPER = 7
@@ -57,7 +58,7 @@ def read_places(text: str) -> tuple[Place, ...]:
 def _check_built_for(robot: Robot) -> None:
     """An image carries its robot's numbers: nodes of another robot would never be the runtime's. Raises UsageError."""
     built_for = json.loads(built(f"{IMAGES}/generated/built_for.json").read_text(encoding="utf-8"))
-    if built_for["parameter_hash"] == binding("host", "crux_nodes").parameter_hash(robot):
+    if built_for["parameter_hash"] == crux_nodes().parameter_hash(robot):
         return
     if built_for["robot"] == robot.name:
         raise UsageError(f"--emulate: the images are older than the description of {robot.name}: make build")
@@ -73,7 +74,6 @@ class EmulatedBoards:
     def __init__(self, places: Sequence[Place], robot: Robot) -> None:
         """Raises UsageError when images or library are not built, or not for this robot, WorkFailed when a board cannot
         be made."""
-        emulated = binding("emulated", "crux_emulated")
         _check_built_for(robot)
         self._boards: dict[Place, Any] = {}
         self._held = ExitStack()
@@ -81,10 +81,10 @@ class EmulatedBoards:
         try:
             for place in places:
                 image = images["gripper" if place.node == GRIPPER else "joint"]
-                around = emulated.world(robot, place.node)
-                board = emulated.Board(built(LIBRARY), image, place.limb, place.node, around)
+                around = crux_emulated.world(robot, place.node)
+                board = crux_emulated.Board(built(LIBRARY), image, place.limb, place.node, around)
                 self._boards[place] = self._held.enter_context(board)
-        except emulated.BoardError as error:
+        except crux_emulated.BoardError as error:
             self._held.close()
             raise WorkFailed(f"emulated boards: {error}") from error
 
@@ -115,10 +115,9 @@ class EmulatedBoards:
 
     def worst_interrupts(self) -> dict[str, int]:
         """Most instructions an interrupt took on any board, by its name."""
-        emulated = binding("emulated", "crux_emulated")
         return {
             name: max(board.cost(number).worst for board in self._boards.values())
-            for name, number in (("current_loop", emulated.ADC), ("can", emulated.FDCAN1))
+            for name, number in (("current_loop", crux_emulated.ADC), ("can", crux_emulated.FDCAN1))
         }
 
     def check(self) -> None:

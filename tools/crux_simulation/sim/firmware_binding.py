@@ -1,4 +1,4 @@
-"""The firmware's ctypes bindings; in a checkout they live beside the headers they mirror, not on the Python path."""
+"""The ctypes binding of the firmware's nodes; in a checkout it lives beside the header it mirrors."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from types import ModuleType
 from crux_tools.errors import WorkFailed
 from crux_tools.paths import CHECKOUT, ROOT
 
-PORTS = ROOT / "firmware" / "ports"
+NAME = "crux_nodes"
+FILE = ROOT / "firmware" / "ports" / "host" / f"{NAME}.py"
 
 
-def binding(port: str, name: str) -> ModuleType:
-    """Module `name` of a port."""
+def crux_nodes() -> ModuleType:
+    """The module of that name, which is not on the Python path of a checkout."""
     if not CHECKOUT:
-        return importlib.import_module(name)
-    if name not in sys.modules:
-        file = PORTS / port / f"{name}.py"
-        spec = importlib.util.spec_from_file_location(name, file)
+        return importlib.import_module(NAME)
+    if NAME not in sys.modules:
+        spec = importlib.util.spec_from_file_location(NAME, FILE)
         if spec is None or spec.loader is None:
-            raise WorkFailed(f"{file} cannot be loaded")
+            raise WorkFailed(f"{FILE} cannot be loaded")
         module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
+        sys.modules[NAME] = module
         spec.loader.exec_module(module)
-    return sys.modules[name]
+    return sys.modules[NAME]

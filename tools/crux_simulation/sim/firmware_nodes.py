@@ -12,7 +12,7 @@ from crux_tools.paths import built
 
 from crux_simulation.sim.disturbance import Injector
 from crux_simulation.sim.emulated_boards import EmulatedBoards
-from crux_simulation.sim.firmware_binding import binding
+from crux_simulation.sim.firmware_binding import crux_nodes
 from crux_simulation.sim.native import library
 from crux_simulation.sim.plant import Plant
 from crux_simulation.sim.world import JOINT_NAMES, World
@@ -32,7 +32,7 @@ class FirmwareNodes:
     ) -> None:
         """`boards` take the places of nodes; in a `world` position loops and grippers may be slower than described.
         Raises WorkFailed when a bus cannot be opened."""
-        host = binding("host", "crux_nodes")
+        host = crux_nodes()
         joints, grippers = host.joint_parameters(robot), host.gripper_parameters(robot)
         for name, joint in zip(JOINT_NAMES, joints, strict=True):
             change = world.joints.get(name) if world is not None else None
