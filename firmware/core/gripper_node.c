@@ -19,15 +19,10 @@ void crux_gripper_node_on_frame(crux_gripper_node *node, const crux_frame *frame
     }
   } else if (frame->id == (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND) {
     crux_gripper_command command;
-    uint8_t cause = crux_guard_command(&node->guard, frame, (uint8_t)CRUX_CAN_LENGTH_GRIPPER_COMMAND);
-    if (cause == (uint8_t)CRUX_CAUSE_NONE) {
-      cause = crux_gripper_command_accept(frame, &node->parameters, &command);
-    }
-    if (cause == (uint8_t)CRUX_CAUSE_NONE) {
+    const uint8_t content = crux_gripper_command_accept(frame, &node->parameters, &command);
+    if (crux_link_hear_command(&node->link, &node->guard, frame, CRUX_CAN_LENGTH_GRIPPER_COMMAND, content)) {
       node->pending = command;
-      node->guard.command_waiting = true;
     }
-    crux_link_count(&node->link, cause, &node->link.counters.commands);
   } else if (frame->id == (uint16_t)CRUX_CAN_ID_BROADCAST) {
     crux_gripper_command command;
     const uint8_t content = crux_gripper_broadcast_accept(frame, &node->parameters, &command);
@@ -139,12 +134,8 @@ static void report_conditions(crux_gripper_node *node, const crux_gripper_inputs
   const bool tracking = node->state == (uint8_t)CRUX_STATE_TRACK;
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_POSITION_LIMIT, tracking && node->taken.opening_clamped,
                       crux_float_bits(node->taken.asked_opening_m));
-  crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_BUS_OFF, inputs->bus_off, 0U);
-  crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_DRIVER, inputs->driver_fault, 0U);
-  crux_link_health(&node->link, &inputs->health);
-  if (inputs->health.cause != (uint8_t)CRUX_CAUSE_NOT_CALIBRATED) {  // such a board reads no thermometer
-    crux_link_temperature(&node->link, inputs->temperature_degC, node->parameters.temperature_limit_degC);
-  }
+  crux_link_board(&node->link, inputs->bus_off, inputs->driver_fault, &inputs->health, inputs->temperature_degC,
+                  node->parameters.temperature_limit_degC);
 }
 
 void crux_gripper_node_tick(crux_gripper_node *node, float dt_s, const crux_gripper_inputs *inputs,

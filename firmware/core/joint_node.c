@@ -20,15 +20,10 @@ void crux_joint_node_on_frame(crux_joint_node *node, const crux_frame *frame) {
     }
   } else if (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(node->link.node)) {
     crux_joint_command command;
-    uint8_t cause = crux_guard_command(&node->guard, frame, (uint8_t)CRUX_CAN_LENGTH_JOINT_COMMAND);
-    if (cause == (uint8_t)CRUX_CAUSE_NONE) {
-      cause = crux_joint_command_accept(frame, &node->parameters, &command);
-    }
-    if (cause == (uint8_t)CRUX_CAUSE_NONE) {
+    const uint8_t content = crux_joint_command_accept(frame, &node->parameters, &command);
+    if (crux_link_hear_command(&node->link, &node->guard, frame, CRUX_CAN_LENGTH_JOINT_COMMAND, content)) {
       node->pending = command;
-      node->guard.command_waiting = true;
     }
-    crux_link_count(&node->link, cause, &node->link.counters.commands);
   } else if (frame->id == (uint16_t)CRUX_CAN_ID_BROADCAST) {
     crux_joint_command command;
     const uint8_t content = crux_joint_broadcast_accept(frame, node->link.node, &node->parameters, &command);
@@ -198,12 +193,8 @@ static void report_conditions(crux_joint_node *node, const crux_joint_inputs *in
                       crux_float_bits(node->taken.asked_position_rad));
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_VELOCITY_LIMIT, tracking && node->taken.velocity_clamped,
                       crux_float_bits(node->taken.asked_velocity_rad_s));
-  crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_BUS_OFF, inputs->bus_off, 0U);
-  crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_DRIVER, inputs->driver_fault, 0U);
-  crux_link_health(&node->link, &inputs->health);
-  if (inputs->health.cause != (uint8_t)CRUX_CAUSE_NOT_CALIBRATED) {  // such a board reads no thermometer
-    crux_link_temperature(&node->link, inputs->temperature_degC, node->parameters.temperature_limit_degC);
-  }
+  crux_link_board(&node->link, inputs->bus_off, inputs->driver_fault, &inputs->health, inputs->temperature_degC,
+                  node->parameters.temperature_limit_degC);
 }
 
 void crux_joint_node_tick(crux_joint_node *node, float dt_s, const crux_joint_inputs *inputs,

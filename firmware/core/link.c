@@ -87,7 +87,8 @@ void crux_link_condition(crux_link *link, uint8_t cause, bool active, uint32_t d
   link->faults = (uint8_t)(active ? (link->faults | bit) : (link->faults & (uint8_t)~bit));
 }
 
-void crux_link_count(crux_link *link, uint8_t cause, uint32_t *accepted) {
+/// Counts a rejected (cause) or accepted (CRUX_CAUSE_NONE) frame and reports the rejection.
+static void count(crux_link *link, uint8_t cause, uint32_t *accepted) {
   uint32_t *counter = accepted;
   if (cause == (uint8_t)CRUX_CAUSE_E2E_CRC) {
     counter = &link->counters.rejected_crc;
@@ -106,21 +107,33 @@ void crux_link_count(crux_link *link, uint8_t cause, uint32_t *accepted) {
 
 bool crux_link_hear_sync(crux_link *link, crux_guard *guard, const crux_frame *frame) {
   const uint8_t cause = crux_guard_sync(guard, frame);
-  crux_link_count(link, cause, &link->counters.syncs);
+  count(link, cause, &link->counters.syncs);
   return (cause == (uint8_t)CRUX_CAUSE_NONE) && guard->take;
+}
+
+bool crux_link_hear_command(crux_link *link, crux_guard *guard, const crux_frame *frame, uint32_t length,
+                            uint8_t content) {
+  const uint8_t refused = crux_guard_command(guard, frame, (uint8_t)length);
+  const uint8_t cause = (refused == (uint8_t)CRUX_CAUSE_NONE) ? content : refused;
+  const bool valid = cause == (uint8_t)CRUX_CAUSE_NONE;
+  if (valid) {
+    guard->command_waiting = true;
+  }
+  count(link, cause, &link->counters.commands);
+  return valid;
 }
 
 bool crux_link_hear_broadcast(crux_link *link, crux_guard *guard, const crux_frame *frame, uint8_t content) {
   const uint8_t cause = crux_guard_broadcast(guard, frame, content == (uint8_t)CRUX_CAUSE_NONE);
   const bool valid = cause == (uint8_t)CRUX_CAUSE_NONE;
-  crux_link_count(link, cause, &link->counters.syncs);
+  count(link, cause, &link->counters.syncs);
   if (valid) {
-    crux_link_count(link, content, &link->counters.commands);
+    count(link, content, &link->counters.commands);
   }
   return valid && guard->take;
 }
 
-void crux_link_temperature(crux_link *link, float temperature_degC, float limit_degC) {
+static void tell_temperature(crux_link *link, float temperature_degC, float limit_degC) {
   const bool was_hot = (link->faults & CRUX_CAN_FAULT_BIT((uint32_t)CRUX_CAUSE_OVER_TEMPERATURE)) != 0U;
   const float threshold_degC = was_hot ? (limit_degC - TEMPERATURE_HYSTERESIS_K) : limit_degC;
   crux_link_condition(link, (uint8_t)CRUX_CAUSE_OVER_TEMPERATURE, temperature_degC >= threshold_degC,
@@ -139,7 +152,7 @@ void crux_link_lost(crux_link *link, const crux_health *health) {
   tell_loss(link);
 }
 
-void crux_link_health(crux_link *link, const crux_health *health) {
+static void tell_health(crux_link *link, const crux_health *health) {
   bool encoder_news = health->encoder_errors != link->told.encoder_errors;
   if (health->cause != link->told.cause) {
     link->told.cause = health->cause;
@@ -160,6 +173,16 @@ void crux_link_health(crux_link *link, const crux_health *health) {
   const uint8_t bit = (uint8_t)CRUX_CAN_FAULT_BIT((uint32_t)CRUX_CAUSE_NOT_CALIBRATED);
   const bool blank = health->cause == (uint8_t)CRUX_CAUSE_NOT_CALIBRATED;
   link->faults = (uint8_t)(blank ? (link->faults | bit) : (link->faults & (uint8_t)~bit));
+}
+
+void crux_link_board(crux_link *link, bool bus_off, bool driver_fault, const crux_health *health,
+                     float temperature_degC, float limit_degC) {
+  crux_link_condition(link, (uint8_t)CRUX_CAUSE_BUS_OFF, bus_off, 0U);
+  crux_link_condition(link, (uint8_t)CRUX_CAUSE_DRIVER, driver_fault, 0U);
+  tell_health(link, health);
+  if (health->cause != (uint8_t)CRUX_CAUSE_NOT_CALIBRATED) {  // such a board reads no thermometer
+    tell_temperature(link, temperature_degC, limit_degC);
+  }
 }
 
 void crux_link_init(crux_link *link, uint8_t kind, uint8_t limb, uint8_t node, uint32_t parameter_hash) {

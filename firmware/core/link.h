@@ -78,23 +78,26 @@ void crux_link_event(crux_link *link, uint8_t cause, uint32_t detail);
 /// Sets or clears the fault bit of a cause; an emergency goes out when it appears.
 void crux_link_condition(crux_link *link, uint8_t cause, bool active, uint32_t detail);
 
-/// Counts a rejected (cause) or accepted (CRUX_CAUSE_NONE) Sync or command and reports the rejection.
-void crux_link_count(crux_link *link, uint8_t cause, uint32_t *accepted);
-
 /// Judges a Sync, counts and reports. True when it takes the waiting command over.
 bool crux_link_hear_sync(crux_link *link, crux_guard *guard, const crux_frame *frame);
 
-/// The same of a broadcast; `content`: how its command for this node was judged. True when that is taken over.
-bool crux_link_hear_broadcast(crux_link *link, crux_guard *guard, const crux_frame *frame, uint8_t content);
+/// Judges a command frame of so many bytes, counts and reports; `content`: how its command was judged. True when that
+/// waits for its Sync from now on.
+bool crux_link_hear_command(crux_link *link, crux_guard *guard, const crux_frame *frame, uint32_t length,
+                            uint8_t content);
 
-/// Over the limit, until 5 K below it; or not known, for a thermometer that is open or shorted says nothing.
-void crux_link_temperature(crux_link *link, float temperature_degC, float limit_degC);
+/// As crux_link_hear_sync, of a broadcast; `content`: how its command for this node was judged.
+bool crux_link_hear_broadcast(crux_link *link, crux_guard *guard, const crux_frame *frame, uint8_t content);
 
 /// Position lost: an emergency with the drive's cause, SENSOR where it has none; again with each identity asked for.
 void crux_link_lost(crux_link *link, const crux_health *health);
 
-/// Tells what has changed in the drive: a new cause, encoder samples left out, a motor whose direction nobody knows.
-void crux_link_health(crux_link *link, const crux_health *health);
+/// Once a tick, what a board reads: whether its controller is off the bus, whether its gate driver has stopped the
+/// bridge, and its winding's temperature: over the limit, until 5 K below it; or not known, for a thermometer that is
+/// open or shorted says nothing. Of the drive what has changed: a new cause, encoder samples left out, a motor whose
+/// direction nobody knows.
+void crux_link_board(crux_link *link, bool bus_off, bool driver_fault, const crux_health *health,
+                     float temperature_degC, float limit_degC);
 
 /// Pops the oldest frame of the transmit queue; false when it is empty.
 bool crux_link_take_frame(crux_link *link, crux_frame *frame);
