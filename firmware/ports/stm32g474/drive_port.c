@@ -5,8 +5,8 @@
 
 #include "board.h"
 #include "drive/as5047p.h"
+#include "drive/board_watch.h"
 #include "registers.h"
-#include "safety.h"
 
 #define PWM_HZ 20000UL
 #define PWM_TOP (BOARD_CORE_HZ / (2UL * PWM_HZ))  ///< counted up and down
@@ -25,14 +25,6 @@
 #define AMPERE_PER_COUNT ((ADC_REFERENCE_V / ADC_COUNTS) / 0.1F)
 #define SUPPLY_V_PER_COUNT ((ADC_REFERENCE_V / ADC_COUNTS) * 11.0F)
 
-// Thermistor of 10 kOhm at 25 degC to ground, 10 kOhm to the reference: R / 10 kOhm = share / (1 - share).
-#define THERMISTOR_B_K 3435.0F
-#define THERMISTOR_NOMINAL_K 298.15F
-#define CELSIUS_K 273.15F
-// No winding is that cold or hot: an open thermistor reads -100 degC, a shorted one less still.
-#define COLDEST_DEG_C (-55.0F)
-#define HOTTEST_DEG_C 250.0F
-
 /// A fault of the gate driver is told so long at least, that a short one shows in a status.
 #define DRIVER_FAULT_TICKS (BOARD_TICK_HZ / 10UL)
 
@@ -41,9 +33,6 @@
 
 /// The current loop comes first: its duties must be there before the next update.
 #define ADC_PRIORITY 0x00UL
-
-/// So many ticks without a period: the current loop does not run.
-#define STILL_TICKS 2U
 
 // A sample was latched at the start of the interrupt before.
 const crux_drive_timing drive_port_timing = {.period_s = PERIOD_S, .encoder_age_s = PERIOD_S};
@@ -54,9 +43,7 @@ static float phase_b_zero;
 static volatile float supply_V;
 static float temperature_degC = NAN;
 static volatile uint32_t periods;
-static uint32_t periods_seen;
-static uint32_t still_ticks;  ///< without a period since the tick before
-static bool was_behind;       ///< at the last tick
+static crux_loop_watch loop;
 static bool supply_is_next;
 static uint16_t sent;                ///< command to the motor's encoder that is on its way; 0: none
 static uint16_t answered;            ///< the command before, whose answer comes with that frame; 0: none
@@ -238,46 +225,26 @@ void drive_port_on_sample(void) {
   }
 }
 
-static float thermistor_degC(float counts) {
-  const float share = counts / ADC_COUNTS;
-  const float inverse_K = (1.0F / THERMISTOR_NOMINAL_K) + (logf(share / (1.0F - share)) / THERMISTOR_B_K);
-  const float degC = (1.0F / inverse_K) - CELSIUS_K;
-  return crux_makes_sense(degC, COLDEST_DEG_C, HOTTEST_DEG_C) ? degC : NAN;
-}
-
 /// The timer keeps a break in mind until it is asked, and as long as the driver pulls the line.
 static void look_at_driver(void) {
-  if ((TIM1_SR & TIM_SR_BIF) != 0U) {
+  const bool stopped = (TIM1_SR & TIM_SR_BIF) != 0U;
+  if (stopped) {
     TIM1_SR = ~TIM_SR_BIF;
-    driver_fault_ticks = DRIVER_FAULT_TICKS;
-  } else if (driver_fault_ticks > 0U) {
-    driver_fault_ticks--;
-  } else {
-    // none
   }
+  driver_fault_ticks = crux_fault_ticks(driver_fault_ticks, stopped, DRIVER_FAULT_TICKS);
 }
 
 bool drive_port_tick(void) {
-  // Between ticks that come at once, after flash was erased for instance, there is no time for a period; nor, perhaps,
-  // between the last of them and the next one.
-  if (periods != periods_seen) {
-    still_ticks = 0U;
-  } else if (!was_behind && (still_ticks < STILL_TICKS)) {
-    still_ticks++;
-  } else {
-    // no verdict, or the same
-  }
-  periods_seen = periods;
-  was_behind = board_is_behind();
+  const bool runs = crux_loop_runs(&loop, periods, board_is_behind());
   look_at_driver();
   const float counts = (float)(ADC_DR(ADC1) & 0xFFFFUL);
   if (supply_is_next) {
     supply_V = counts * SUPPLY_V_PER_COUNT;
   } else {
-    temperature_degC = thermistor_degC(counts);
+    temperature_degC = crux_thermistor_degC(counts / ADC_COUNTS);
   }
   start_slow_conversion();
-  return still_ticks < STILL_TICKS;
+  return runs;
 }
 
 float drive_port_temperature_degC(void) { return temperature_degC; }
