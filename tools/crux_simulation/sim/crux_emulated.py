@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 
-from crux_contracts import LIMB_NAMES
+from crux_contracts.can_codec import GRIPPER_NODE
 from crux_contracts.motors import flux_Wb
 from crux_contracts.robot import Robot
 
-LIMBS = len(LIMB_NAMES)
-GRIPPER = 7
+GRIPPER = GRIPPER_NODE
 MAIN_LOOP, SYSTICK = 0, 15
 ADC = 16 + 18
 FDCAN1 = 16 + 21

@@ -22,7 +22,7 @@ from crux_simulation.sim.plant import Plant
 LIBRARY = "tools/sim/boards/libcrux_emulated.so"
 IMAGES = "firmware/ports/stm32g474"
 NODES = range(1, GRIPPER_NODE + 1)
-GRIPPER = 7
+GRIPPER = GRIPPER_NODE
 
 
 @dataclass(frozen=True, order=True)

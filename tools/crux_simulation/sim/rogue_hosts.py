@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from crux_contracts import can_codec
 from crux_contracts.can_codec import Frame, Values
 
-JOINT_NODES = range(1, 7)
-GRIPPER = 7
+JOINT_NODES = range(1, can_codec.GRIPPER_NODE)
+GRIPPER = can_codec.GRIPPER_NODE
 TRACK = 1
 OPEN_M = 0.06
 STALE_CYCLES = 20  # how old a replayed command is
