@@ -15,8 +15,6 @@
 namespace crux {
 namespace {
 
-constexpr std::size_t kNameDigits = 16;
-
 std::string environment(const char* name) {
   const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): before any other thread
   return value == nullptr ? "" : value;
@@ -33,7 +31,7 @@ std::string lock_name(const std::string& address) {
   struct stat network{};
   const bool known = ::stat("/proc/self/ns/net", &network) == 0;
   const std::string whole = address.substr(0, address.find('?')) + " " + std::to_string(known ? network.st_ino : 0);
-  return "runtime-" + sha256_hex(whole).substr(0, kNameDigits) + ".lock";
+  return "runtime-" + short_hash(whole) + ".lock";
 }
 
 }  // namespace

@@ -31,7 +31,7 @@ constexpr auto kLooksEvery = 20ms;
 constexpr double kAgain_s = 0.1, kSameAgain_s = 1.0;  // of a climb, and of a robot that stands
 constexpr const char *kPlanFile = "/plan", *kPointFile = "/point", *kRetired = ".refused";
 constexpr std::string_view kHead = "crux restart 1\n";
-constexpr std::size_t kHashDigits = 64, kNameDigits = 16;
+constexpr std::size_t kHashDigits = 64;
 
 template <class Message>
 std::string bytes_of(const Message& message) {
@@ -99,7 +99,7 @@ std::string RestartKeeper::default_folder(const std::array<std::string, kLimbs>&
   if (key.empty()) return "";
   std::string all;
   for (const std::string& bus : buses) all += bus + "\n";
-  return (fs::path(key).parent_path() / ("restart-" + sha256_hex(all).substr(0, kNameDigits))).string();
+  return (fs::path(key).parent_path() / ("restart-" + short_hash(all))).string();
 }
 
 std::optional<RestartKeeper::Left> RestartKeeper::find(std::string& trouble) const {

@@ -1,10 +1,13 @@
 #include "bus/bus.hpp"
 
 #include <poll.h>
+#include <sys/socket.h>
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <charconv>
+#include <cstring>
 
 #include "bus/socketcan_bus.hpp"
 #include "bus/udp_bus.hpp"
@@ -50,6 +53,14 @@ BusStatistics& BusStatistics::operator+=(const BusStatistics& other) noexcept {
   restarts += other.restarts;
   unacknowledged += other.unacknowledged;
   return *this;
+}
+
+void take_receive_buffer(int socket, std::string_view name) {
+  constexpr int kReceiveBufferBytes = 4 << 20;
+  // Beyond net.core.rmem_max only a privileged process may go; others get what the machine allows.
+  if (::setsockopt(socket, SOL_SOCKET, SO_RCVBUFFORCE, &kReceiveBufferBytes, sizeof kReceiveBufferBytes) != 0 &&
+      ::setsockopt(socket, SOL_SOCKET, SO_RCVBUF, &kReceiveBufferBytes, sizeof kReceiveBufferBytes) != 0)
+    throw BusError(std::string(name) + ": no receive buffer: " + std::strerror(errno));
 }
 
 std::unique_ptr<Bus> open_bus(std::string_view name) {

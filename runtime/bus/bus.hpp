@@ -81,6 +81,10 @@ std::unique_ptr<Bus> open_bus(std::string_view name);
 /// @throws BusError when the name is not of that form or the ports end above 65535
 std::array<std::string, 4> consecutive_udp_buses(std::string_view first);
 
+/// Room for what arrives while the reader is held up: a second of four limbs. `name` begins the message.
+/// @throws BusError when the machine gives none
+void take_receive_buffer(int socket, std::string_view name);
+
 /// Blocks until a bus has frames or the time is over; true when one has.
 bool wait_readable(std::span<const std::unique_ptr<Bus>> buses, std::chrono::nanoseconds timeout) noexcept;
 

@@ -18,8 +18,7 @@
 namespace crux {
 namespace {
 
-constexpr int kReceiveBufferBytes = 4 << 20;  // a whole second of a limb while the reader is held up
-constexpr unsigned kSendsBetweenTries = 50;   // to find an interface that is gone
+constexpr unsigned kSendsBetweenTries = 50;  // to find an interface that is gone
 constexpr std::int64_t kNanosecondsPerSecond = 1'000'000'000;
 
 /// Exactly the identifiers of the CAN database, as standard data frames; the kernel looks each up in a table.
@@ -121,9 +120,7 @@ SocketCanBus::SocketCanBus(std::string_view interface) : interface_(interface), 
   set(SOL_CAN_RAW, CAN_RAW_RECV_OWN_MSGS, on, "no confirmation of sent frames");
   set(SOL_SOCKET, SO_TIMESTAMPING, stamps, "no time stamps");
   set(SOL_SOCKET, SO_RXQ_OVFL, on, "no count of dropped frames");
-  // Beyond net.core.rmem_max only a privileged process may go; others get what the machine allows.
-  if (::setsockopt(fd, SOL_SOCKET, SO_RCVBUFFORCE, &kReceiveBufferBytes, sizeof kReceiveBufferBytes) != 0)
-    set(SOL_SOCKET, SO_RCVBUF, kReceiveBufferBytes, "no receive buffer");
+  take_receive_buffer(fd, name);
   if (!bind_to_interface()) throw BusError(name + ": cannot bind: " + std::strerror(errno));
   for (std::size_t i = 0; i < kBatch; ++i) {
     parts_[i].iov_base = &buffers_[i];

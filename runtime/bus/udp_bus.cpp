@@ -10,8 +10,6 @@
 namespace crux {
 namespace {
 
-constexpr int kReceiveBufferBytes = 4 << 20;  // a whole second of four limbs while the reader is held up
-
 template <typename T>
 void set_option(int socket, int level, int option, T value, const std::string& what) {
   if (::setsockopt(socket, level, option, &value, sizeof value) != 0)
@@ -34,9 +32,7 @@ UdpBus::UdpBus(std::string_view group, std::uint16_t port) {
   const int fd = socket_.get();
   set_option(fd, SOL_SOCKET, SO_REUSEADDR, 1, name + ": cannot share the port");
   set_option(fd, SOL_SOCKET, SO_REUSEPORT, 1, name + ": cannot share the port");
-  // Beyond net.core.rmem_max only a privileged process may go; others get what the machine allows.
-  if (::setsockopt(fd, SOL_SOCKET, SO_RCVBUFFORCE, &kReceiveBufferBytes, sizeof kReceiveBufferBytes) != 0)
-    set_option(fd, SOL_SOCKET, SO_RCVBUF, kReceiveBufferBytes, name + ": no receive buffer");
+  take_receive_buffer(fd, name);
   set_option(fd, IPPROTO_IP, IP_MULTICAST_TTL, 0, name + ": cannot keep datagrams on this machine");
   set_option(fd, IPPROTO_IP, IP_MULTICAST_LOOP, 1, name + ": cannot loop datagrams back");
   // Bound to the group, not to any address: buses that differ by group alone must not hear each other.

@@ -8,8 +8,6 @@
 namespace crux {
 namespace {
 
-void copy(const Vector3& from, double* to) { std::copy(from.data(), from.data() + 3, to); }
-
 void copy_rotation(const Matrix3& from, double* to) {
   const std::array<double, 4> quaternion = quaternion_wxyz(from);
   std::copy(quaternion.begin(), quaternion.end(), to);

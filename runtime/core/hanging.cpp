@@ -15,8 +15,6 @@ constexpr double kAskew_rad = 0.1;
 // A body stands up as long as no joint and no grip is used further than that, and limbs come where they should.
 constexpr double kMostTorque = 0.95, kMostUsed = 0.9, kMostMissed_m = 0.002;
 
-void copy(const Vector3& from, double* to) { std::copy(from.data(), from.data() + 3, to); }
-
 FaultEvent fault_of(const crux_msgs::fault_t& left) {
   if (crux_msgs::fault_info(left.code) == nullptr) return {};
   return {static_cast<FaultCode>(left.code), left.limb, left.node, left.value, left.limit};

@@ -6,7 +6,7 @@
 namespace crux {
 namespace {
 
-constexpr double kRegularisation = 1e-12;
+constexpr double kRidge = 1e-12;
 
 }  // namespace
 
@@ -26,7 +26,7 @@ PerLimb<Wrench> internal_errors(const PerLimb<Wrench>& errors, const PerLimb<Vec
     net.head<3>() += errors[l].force_N;
     net.tail<3>() += arm.cross(errors[l].force_N) + errors[l].moment_Nm;
   }
-  normal += kRegularisation * (normal.trace() + 1.0) * Matrix6::Identity();
+  normal += kRidge * (normal.trace() + 1.0) * Matrix6::Identity();
   const Vector6 multiplier = normal.ldlt().solve(net);
   PerLimb<Wrench> internal = errors;
   for (int l = 0; l < kLimbs; ++l) {

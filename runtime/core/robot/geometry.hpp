@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 
+#include <algorithm>
 #include <array>
 
 #include "crux_msgs/robot.hpp"
@@ -67,6 +68,9 @@ Matrix3 rotation_z(double yaw_rad);
 
 /// The unit quaternion (w, x, y, z) of R with w >= 0.
 std::array<double, 4> quaternion_wxyz(const Matrix3& rotation);
+
+/// Into three numbers of a message.
+inline void copy(const Vector3& from, double* to) { std::copy_n(from.data(), 3, to); }
 
 /// `v` shortened to `limit` where it is longer.
 Vector3 clamped_norm(const Vector3& v, double limit);

@@ -7,22 +7,22 @@
 #include <bit>
 #include <cstdint>
 #include <cstdio>
-#include <cstdlib>
 #include <map>
+#include <optional>
 #include <stdexcept>
 #include <vector>
+
+#include "core/robot/numbers.hpp"
 
 namespace crux {
 namespace {
 
 constexpr const char* kFirstLine = "crux-robot-2\n";
-constexpr const char* kSpace = " \t\r\n";
 
 std::string canonical_word(const std::string& word) {
-  if (word.find_first_not_of("+-.0123456789eE") != std::string::npos) return word;  // strtod knows more: nan, 0x1
-  char* end = nullptr;
-  const double value = std::strtod(word.c_str(), &end) + 0.0;  // + 0.0: -0 is 0
-  if (end == word.c_str() || *end != '\0') return word;
+  const std::optional<double> number = decimal(word);
+  if (!number) return word;
+  const double value = *number + 0.0;  // -0 is 0
   std::array<char, 18> hex{};
   std::snprintf(hex.data(), hex.size(), "#%016llx",
                 static_cast<unsigned long long>(std::bit_cast<std::uint64_t>(value)));
@@ -31,12 +31,10 @@ std::string canonical_word(const std::string& word) {
 
 std::string words(const std::string& text) {
   std::string all;
-  for (std::size_t at = 0; (at = text.find_first_not_of(kSpace, at)) != std::string::npos;) {
-    const std::size_t end = std::min(text.find_first_of(kSpace, at), text.size());
+  for_each_word(text, [&](const std::string& word) {
     if (!all.empty()) all += ' ';
-    all += canonical_word(text.substr(at, end - at));
-    at = end;
-  }
+    all += canonical_word(word);
+  });
   return all;
 }
 

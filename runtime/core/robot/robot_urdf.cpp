@@ -7,12 +7,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
 #include <limits>
 #include <optional>
 #include <string_view>
 
 #include "core/robot/description_problem.hpp"
+#include "core/robot/numbers.hpp"
 #include "crux_msgs/robot.hpp"
 
 namespace crux {
@@ -20,7 +20,6 @@ namespace {
 
 namespace bounds = crux_msgs::robot;
 
-constexpr const char* kSpace = " \t\r\n";
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// The largest absolute value that makes sense, and what to ask where a number is larger.
@@ -46,20 +45,9 @@ const std::array<Shape, 4> kShapes = {{{"box", {{"size", 3}}},
                                        {"capsule", {{"radius", 1}, {"length", 1}}}}};
 
 /// NaN for what is no decimal number.
-double decimal(const std::string& word) {
-  if (word.find_first_not_of("+-.0123456789eE") != std::string::npos) return std::nan("");  // strtod knows more
-  char* end = nullptr;
-  const double value = std::strtod(word.c_str(), &end);
-  return end == word.c_str() || *end != '\0' ? std::nan("") : value;
-}
-
 std::vector<double> decimals(const std::string& text) {
   std::vector<double> values;
-  for (std::size_t at = 0; (at = text.find_first_not_of(kSpace, at)) != std::string::npos;) {
-    const std::size_t end = std::min(text.find_first_of(kSpace, at), text.size());
-    values.push_back(decimal(text.substr(at, end - at)));
-    at = end;
-  }
+  for_each_word(text, [&](const std::string& word) { values.push_back(decimal(word).value_or(std::nan(""))); });
   return values;
 }
 
