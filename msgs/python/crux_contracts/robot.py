@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import hashlib
 import typing
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +22,12 @@ from .robot_rules import RobotRules
 from .robot_types import Array, Limb, Robot
 from .robot_yaml import RobotYaml
 from .urdf import Joint, Urdf, parse_urdf, parse_xml
-from .yaml_document import DocumentError, parse_mapping, read_bytes
+from .yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
 __all__ = ["ROBOTS", "Array", "Limb", "Robot", "RobotError", "load_robot", "robot_hash", "robot_names"]
 
 ROBOTS = MSGS / "robots"
+MOST_READ = 8
 
 
 class RobotError(DocumentError):
@@ -54,13 +57,25 @@ def load_robot(name_or_folder: str | Path) -> Robot:
         raise RobotError(error.path, error.problems) from None
 
 
+@lru_cache(maxsize=4)
+def _keys(text: bytes, path: str) -> tuple[Node, RobotYaml]:
+    root = parse_mapping(text, path)
+    return root, RobotYaml(root, path, RobotError)
+
+
+_READ: dict[tuple[bytes, bytes], Robot] = {}
+"""Descriptions that were found right, by their bytes: commands read the same one again and again."""
+
+
 def _load(folder: Path) -> Robot:
     yaml_path = folder / "robot.yaml"
-    root = parse_mapping(read_bytes(yaml_path), str(yaml_path))
-    file = RobotYaml(root, str(yaml_path), RobotError)
-
+    text = read_bytes(yaml_path)
+    root, file = _keys(text, str(yaml_path))
     urdf_path = folder / file.top["urdf"]
-    xml = parse_xml(read_bytes(urdf_path), str(urdf_path))
+    urdf_text = read_bytes(urdf_path)
+    if (text, urdf_text) in _READ:
+        return replace(_READ[text, urdf_text], folder=folder, urdf_path=urdf_path)
+    xml = parse_xml(urdf_text, str(urdf_path))
     urdf = parse_urdf(xml, str(urdf_path))
     rules = RobotRules(urdf, str(urdf_path), file.top["body_link"])
     rules.check_tree()
@@ -78,6 +93,9 @@ def _load(folder: Path) -> Robot:
     problems = [*motor_problems(robot), *gain_problems(robot), *joint_loop_problems(robot)]
     if problems:
         raise RobotError(str(yaml_path), problems)
+    if len(_READ) == MOST_READ:
+        _READ.clear()
+    _READ[text, urdf_text] = robot
     return robot
 
 
