@@ -39,6 +39,20 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> SharedPlans:
     return SharedPlans((own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "plans")
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests that do not look at a page's plots: drawing them takes most of its time."""
+    from crux_tools.report import figures
+    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
+
+    def no_png(figure: Figure) -> bytes:
+        plt.close(figure)
+        return b"no PNG"
+
+    monkeypatch.setattr(figures, "png", no_png)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Long files first."""
     items.sort(key=lambda item: not item.nodeid.startswith(LONG_FIRST))

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from crux_tools.report import figures, pictures
+from crux_tools.report import pictures
 from crux_tools.report.renderer import NoGraphicsError
 from made_up_climb import Story, write_log
-from matplotlib import pyplot as plt
-from matplotlib.figure import Figure
 
 
 @pytest.fixture(scope="session")
@@ -34,17 +32,6 @@ def killed_log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("logs") / "killed.mcap"
     write_log(path, finish=False)
     return path
-
-
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For tests that do not look at a page's plots: drawing them takes most of its time."""
-
-    def no_png(figure: Figure) -> bytes:
-        plt.close(figure)
-        return b"no PNG"
-
-    monkeypatch.setattr(figures, "png", no_png)
 
 
 @pytest.fixture
