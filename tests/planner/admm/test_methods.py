@@ -52,7 +52,8 @@ def test_a_climb_converges_and_passes_the_check(method: str) -> None:
     assert shown["cost"] <= shown["method_report"]["cost"] + 0.05
 
 
-@pytest.mark.parametrize(("iterations", "fall"), [(4, 6), pytest.param(6, 8, marks=pytest.mark.sweep)])
+@pytest.mark.sweep
+@pytest.mark.parametrize(("iterations", "fall"), [(4, 6), (6, 8)])
 def test_the_residuals_of_two_block_fall_from_a_cold_start(iterations: int, fall: int) -> None:
     wall = load_scenario(SCENES / "climb-four-holds.yaml")
     report = climb_report(wall, "two_block", iterations=iterations, to_the_end=True)

@@ -56,9 +56,9 @@ def check(seeds: range, walls: int, *, certified: bool) -> tuple[int, list[float
 
 
 def test_walls_with_a_motion_are_neither_denied_nor_overrated() -> None:
-    walls, ratios = check(range(100_000), 8, certified=False)
-    assert walls == 8
-    assert len(ratios) > 2
+    walls, ratios = check(range(100_000), 5, certified=False)
+    assert walls == 5
+    assert len(ratios) > 1
 
 
 def test_the_checkers_search_denies_none_either() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 
-import crux_planner
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
@@ -23,6 +22,7 @@ from crux_simulation.benchmarks.random_fields import random_field
 from crux_simulation.benchmarks.random_walls import random_wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shared_plans import unproven
 
 from certificates.test_proof import proof_of_two_rows
 
@@ -120,8 +120,7 @@ def test_a_goal_that_no_single_pose_reaches_is_denied_as_sampling_denies_it(seed
 def test_every_knot_of_a_plan_is_within_the_relaxation() -> None:
     """Reach, balance and the goal's pose of a plan that the check passes."""
     read = parse_scenario(random_wall(2, all_limbs=True))
-    result = crux_planner.plan(read, ROBOT)
-    plan = read_plan(result.plan, Findings())
+    plan = read_plan(unproven(read, ROBOT).plan, Findings())
     assert plan is not None
     proof = Proof(read, ROBOT, build_problem(read, ROBOT))
     stances = [

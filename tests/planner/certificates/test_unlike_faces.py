@@ -110,6 +110,7 @@ def test_the_planner_finds_a_plan_that_presses_the_better_faces(seed: int) -> No
     assert any(lesser)  # a finger bears more than it could on the other face
 
 
+@pytest.mark.sweep
 def test_a_finger_hangs_on_by_its_spines_where_the_other_has_friction() -> None:
     wall = two_rows()
     wall["contact"].update(spine_shear_N=25, spine_twist_Nm=0.5)

@@ -110,6 +110,7 @@ def test_weak_motors_are_named_with_the_torque_that_would_do(
     assert unproven(steep, weak_robot(lambda _, effort_Nm: enough * effort_Nm)).check.ok
 
 
+@pytest.mark.sweep
 def test_a_slab_in_the_way_is_named_with_the_size_that_lets_pass(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """At that size there is a plan."""
     monkeypatch.setattr(fallback, "looks", lambda _: LOOKS)

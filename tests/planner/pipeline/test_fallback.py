@@ -69,12 +69,9 @@ def hold_beyond_reach(steps: int) -> dict[str, Any]:
     return wall
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
-    ("wall", "short"),
-    [
-        pytest.param(hold_beyond_reach, 20, marks=pytest.mark.sweep, id="aside"),
-        pytest.param(turned_goal_in, 18, id="turned"),
-    ],
+    ("wall", "short"), [pytest.param(hold_beyond_reach, 20, id="aside"), pytest.param(turned_goal_in, 18, id="turned")]
 )
 def test_a_horizon_too_short_for_what_only_the_wider_search_finds_is_named(
     robot: Robot, wall: Callable[[int], dict[str, Any]], short: int

@@ -117,6 +117,7 @@ def test_other_slopes(robot: Robot, slope_deg: float) -> None:
     assert all(joint.peak_torque_Nm <= joint.effort_limit_Nm for joint in result.check.joints)
 
 
+@pytest.mark.sweep  # as the shipped scenes show in test_scenes.py
 def test_slippery_faces_are_not_gripped(robot: Robot) -> None:
     """Turned holds whose x faces are polished: every gripper takes the y faces."""
     wall = two_rows(0.16)
@@ -155,6 +156,7 @@ def test_spines_alone_carry_the_robot_where_faces_have_no_friction(robot: Robot)
             assert np.abs(shear).max() <= 40.0 + 1e-6
 
 
+@pytest.mark.sweep  # as the shipped scenes show in test_scenes.py
 def test_a_finger_that_may_not_press_hangs_by_its_spines(robot: Robot) -> None:
     """On a vertical wall, each gripper on one pressing finger: 30 N of shear by spines, none of it by friction."""
     wall = two_rows(slope_deg=90.0)

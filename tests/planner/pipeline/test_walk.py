@@ -213,9 +213,8 @@ FAR = "position_m: [0.1914, 0.0035, 0.185], rpy_deg: [0, 0, 5.71]"
 UPHILL = FLAT.replace("slope_deg: 0", "slope_deg: 10").replace("position_m: [0.1, 0.0, 0.185]", FAR)
 
 
-@pytest.mark.parametrize(
-    ("text", "short", "enough"), [(FLAT, 23, 35), pytest.param(UPHILL, 40, 60, marks=pytest.mark.sweep)]
-)
+@pytest.mark.sweep
+@pytest.mark.parametrize(("text", "short", "enough"), [(FLAT, 23, 35), (UPHILL, 40, 60)])
 def test_a_horizon_that_is_too_short_is_named_with_one_that_does(text: str, short: int, enough: int) -> None:
     message = rf"no plan found in {short} steps of 0\.08 s, but one in {enough}"
     with pytest.raises(HorizonError, match=message) as refused:
