@@ -123,7 +123,7 @@ def test_an_amplifier_that_is_stuck_under_load_is_told_within_two_milliseconds(b
     assert bench.causes[-1] == CURRENTS
 
 
-@pytest.mark.parametrize("degC", [25.0, 75.0])
+@pytest.mark.parametrize("degC", [pytest.param(25.0, marks=pytest.mark.sweep), 75.0])
 def test_sound_amplifiers_are_believed_whatever_is_asked(bench: Bench, degC: float) -> None:
     bench.free = True
     bench.bus.nodes.set_temperature(LF, NODE, degC)

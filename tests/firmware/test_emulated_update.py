@@ -125,8 +125,8 @@ def starts(emulated: Board) -> int:
     return VECTORS.index(emulated.vectors)
 
 
-@pytest.mark.parametrize("every", [97, pytest.param(1, marks=pytest.mark.sweep)])
-def test_a_valid_image_starts_wherever_the_power_is_cut(robot: Robot, tmp_path: Path, every: int) -> None:
+@pytest.mark.sweep
+def test_a_valid_image_starts_wherever_the_power_is_cut(robot: Robot, tmp_path: Path) -> None:
     maker = Maker(tmp_path)
     payload = endless(1, 2500)  # of two pages
     writes = -(-len(payload) // UNIT)
@@ -140,8 +140,7 @@ def test_a_valid_image_starts_wherever_the_power_is_cut(robot: Robot, tmp_path: 
         image_is_whole = 2 + 1 + writes + HEADER // UNIT
         assert emulated.recorded == image_is_whole + 3
         desk.end()
-        around_its_end = range(image_is_whole - 1, emulated.recorded + 1)
-        for operation in sorted({1, 2, 3, *range(1, emulated.recorded + 1, every), *around_its_end}):
+        for operation in range(1, emulated.recorded + 1):
             emulated.replay(operation, Cut.WITHIN)
             tried = image_is_whole < operation <= image_is_whole + 2
             assert starts(emulated) == (1 if tried else 0), operation

@@ -89,14 +89,17 @@ def states(start: Starter, commands: str, *cables: int) -> tuple[list[bool], lis
         return right, [state.supervisor_state for *_, state in reader.iter_decoded_messages(topics=["/robot_state"])]
 
 
-@pytest.mark.parametrize("commands", ["each", "broadcast"])
+COMMANDS = ["each", pytest.param("broadcast", marks=pytest.mark.sweep)]
+
+
+@pytest.mark.parametrize("commands", COMMANDS)
 def test_a_robot_that_was_there_before_gets_ready(start: Starter, commands: str) -> None:
     right, taken = states(start, commands, 0, 1, 2, 3)
     assert all(right)
     assert robot_state_t.READY in taken
 
 
-@pytest.mark.parametrize("commands", ["each", "broadcast"])
+@pytest.mark.parametrize("commands", COMMANDS)
 def test_swapped_cables_never_get_ready(start: Starter, commands: str) -> None:
     right, taken = states(start, commands, 1, 0, 2, 3)
     assert right == [False] * 14 + [True] * 14

@@ -102,6 +102,7 @@ def test_a_plan_that_begins_elsewhere_is_refused_with_numbers(start: Starter, pl
         robot.await_state(robot_state_t.READY)
 
 
+@pytest.mark.sweep
 def test_an_operator_takes_the_robot_step_by_step_slowly_and_back(
     start: Starter, capsys: pytest.CaptureFixture[str]
 ) -> None:
