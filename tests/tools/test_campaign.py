@@ -135,6 +135,7 @@ def test_a_killed_campaign_goes_on_where_it_was(folder: Path) -> None:
     assert not (folder / "out" / "successes").exists()
 
 
+@pytest.mark.sweep
 def test_a_worker_joins_by_address_in_mid_run_and_where_it_differs_is_said(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "crux_commit.py").write_text('COMMIT = "another"')
@@ -155,6 +156,7 @@ def test_a_worker_joins_by_address_in_mid_run_and_where_it_differs_is_said(folde
     assert "commit another" in results["tiny-1"]["differs"]
 
 
+@pytest.mark.sweep
 def test_a_lost_scheduler_ends_the_campaign_in_one_line_and_keeps_what_is_done(folder: Path) -> None:
     scheduler_file = folder / "scheduler.json"
     let(folder, "0")

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from climbs import TIMEOUT_S, finish_climb, messages, saved, start_climb
 from crux_msgs import command_t
@@ -19,7 +20,7 @@ from crux_simulation.sim.lcm_flood import FIRST_REQUEST
 from crux_tools.output import alone_with
 from crux_tools.telemetry.channels import read_channels
 from crux_tools.telemetry.reader import read_log
-from hand_plan import climbing_plan, standing_plan
+from hand_plan import BODY_HEIGHT_M, Wall, climbing_plan, standing_plan
 
 PERIOD_S, STALL_S = 0.002, 0.005
 
@@ -102,8 +103,9 @@ def test_a_log_that_finds_no_space_is_said_and_the_climb_judged_all_the_same(tmp
 
 def test_a_flood_of_messages_reaches_the_runtime_and_the_robot_climbs_on(tmp_path: Path) -> None:
     faults, log = tmp_path / "faults.yaml", tmp_path / "log.mcap"
-    faults.write_text("version: 1\nfaults: [{kind: lcm_flooded, at_s: 3, for_s: 5}]\n")
-    plan = saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
+    faults.write_text("version: 1\nfaults: [{kind: lcm_flooded, at_s: 2.2, for_s: 4}]\n")
+    body_m = np.array([[x, 0.0, BODY_HEIGHT_M] for x in (0.0, 0.01, 0.02, 0.02)])
+    plan = saved(tmp_path, standing_plan(Wall(dt_s=1.5), body_m))
     status, result = finish_climb(start_climb(plan, log, "--bus", "udp", "--faults", str(faults)))
     assert status == 0, result
     assert result["missed_cycles"] == 0
@@ -133,7 +135,7 @@ def stalled(log: Path, result: dict[str, Any]) -> bool:
 @pytest.mark.alone
 def test_by_the_clock(tmp_path: Path) -> None:
     """Where the machine lets it, the climb takes its time by the clock; where not, the robot holds and that is said."""
-    plan, log = saved(tmp_path, standing_plan()), tmp_path / "log.mcap"
+    plan, log = saved(tmp_path, standing_plan(Wall(dt_s=1.0))), tmp_path / "log.mcap"
     status, result = finish_climb(start_climb(plan, log, "--pace", "realtime"))
     assert not result["fell"]
     if status == 1 and stalled(log, result):

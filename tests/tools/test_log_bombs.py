@@ -34,7 +34,11 @@ from pathlib import Path
 from crux_tools.cli import main
 from crux_tools.view.command import source_of
 log, out = sys.argv[1:]
-for words in sys.stdin.read().splitlines():
+commands = sys.stdin.read().splitlines()
+if any(words.startswith("report") for words in commands):
+    from crux_tools.report import sections
+    sections.PICTURE_PX = (64, 46)  # so few take no time
+for words in commands:
     code = main(words.replace("LOG", log).replace("OUT", out).split())
     assert code in (0, 2), (words, code)
 source_of(Path(log))
@@ -60,6 +64,7 @@ def filler(size: int) -> Iterable[bytes]:
     yield from (block for _ in range(size // len(block) - 1))
 
 
+@cache
 def zstd(size: int, told: bool = True) -> bytes:
     """A frame that says what it holds, or does not."""
     packer = zstandard.ZstdCompressor(level=1).compressobj(size=size if told else -1)
@@ -144,8 +149,8 @@ def peak_kb(path: Path, out: Path, *commands: str) -> int:
     [
         ("zstd", zstd, HUGE, "which claims to hold 1500.0 MB, is left out: no more than 64 MB of one are unpacked"),
         pytest.param("zstd", zstd, 1000, "a damaged chunk is left out", marks=pytest.mark.sweep),
-        ("zstd", silent_zstd, 1000, "a damaged chunk is left out"),
-        ("lz4", lz4_frame, HUGE, "which claims to hold 1500.0 MB, is left out: no more than 64 MB of one are unpacked"),
+        pytest.param("zstd", silent_zstd, 1000, "a damaged chunk is left out", marks=pytest.mark.sweep),
+        pytest.param("lz4", lz4_frame, HUGE, "which claims to hold 1500.0 MB, is left out", marks=pytest.mark.sweep),
         ("lz4", lz4_frame, 1000, "a damaged chunk is left out"),
     ],
 )

@@ -32,7 +32,8 @@ def slow(speed_m_s: float) -> str:
     return f"robot: {{grippers: {{all: {{speed_limit_m_s: {speed_m_s}}}}}}}\n"
 
 
-@pytest.mark.parametrize("speed_m_s", [0.005, pytest.param(0.010, marks=SWEPT)])
+@pytest.mark.sweep
+@pytest.mark.parametrize("speed_m_s", [0.005, 0.010])
 def test_grippers_slower_than_described_climb(speed_m_s: float, tmp_path: Path) -> None:
     result, log = climbed(slow(speed_m_s), tmp_path)
     assert result.ok, result.reason

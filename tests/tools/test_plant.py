@@ -83,7 +83,8 @@ def test_noise_and_bias_have_the_described_size() -> None:
     noise = np.std(errors, axis=0).reshape(4, 2, 3).mean(axis=(0, 2))
     described = SCALER.force_torque
     np.testing.assert_allclose(noise, [described.noise_N, described.noise_Nm], rtol=0.1)
-    biases = np.array([make_plant(seed=seed).ft - make_plant(seed=seed).ft_true for seed in range(20)])
+    drawn = [make_plant(seed=seed) for seed in range(20)]
+    biases = np.array([plant.ft - plant.ft_true for plant in drawn])
     spread = biases.reshape(20, 4, 2, 3).std(axis=(0, 1, 3))
     np.testing.assert_allclose(spread, [described.bias_N, described.bias_Nm], rtol=0.15)
 

@@ -87,7 +87,7 @@ def test_the_operators_commands_find_a_robot(tmp_path: Path) -> None:
         link.send(command_t.HOLD)
         held = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING)
         assert held.fault_code == 0
-        until(link, lambda state: state.time_s > held.time_s + 2.0)  # a killed runtime's log lacks its last half second
+        until(link, lambda state: state.time_s > held.time_s + 1.2)  # a killed runtime's log lacks its last half second
         os.kill(runtime_of(process), signal.SIGKILL)
         found = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING and state.cycle < held.cycle)
         assert found.plan_time_s == pytest.approx(held.plan_time_s, abs=0.2)

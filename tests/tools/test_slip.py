@@ -81,7 +81,7 @@ def test_a_grasp_that_has_slipped_is_loaded_no_more_than_its_friction_bears_and_
     assert np.count_nonzero(np.diff(waits.astype(int)) == 1) == 1  # it does not slip again
 
 
-@pytest.mark.parametrize("friction_factor", [0.03, 0.07])
+@pytest.mark.parametrize("friction_factor", [0.03, pytest.param(0.07, marks=pytest.mark.sweep)])
 def test_a_grip_that_the_plan_begins_with_and_that_slides_too_far_is_told(friction_factor: float) -> None:
     """Before the plan's clock starts, or little by little after it."""
     result, log = climbed(SMOOTH.replace("0.11", str(friction_factor)), dt_s=2.0)

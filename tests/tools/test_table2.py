@@ -17,6 +17,7 @@ def run_of(seconds: float, *, ok: bool = True, remark: str = "") -> table2.Run:
     return table2.Run("climbing", 1, "auto", ok, seconds, 100.0, 12.0 if ok else None, None, remark, {})
 
 
+@pytest.mark.sweep
 def test_one_pair_is_timed_checked_and_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--count", "1", "--tasks", "climbing", "--methods", "auto", "--output", str(tmp_path), "--json"]
     assert main(["bench", "table2", *words]) == 0

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from climbs import climb_here
 from crux_msgs import truth_contacts_t
 from crux_simulation.sim.judge import pad_travel
 from crux_tools.report.command import write_report
@@ -22,13 +20,12 @@ from shared_plans import SharedPlans
 SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"
 
 
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_the_flat_walk_reaches_its_goal(tmp_path: Path, planned: SharedPlans) -> None:
     path, log = tmp_path / "walk.mcap", tmp_path / "log.mcap"
     planned.write("walk-flat", path)
-    words = [sys.executable, "-m", "crux_tools.cli", "climb", str(path), "-o", str(log), "--json"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
-    result = json.loads(done.stdout)
-    assert done.returncode == 0, result
+    status, result = climb_here(path, log)
+    assert status == 0, result
     assert result["reached_goal"]
     assert not result["fell"]
     assert result["slips"] == 0
