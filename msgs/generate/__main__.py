@@ -10,12 +10,14 @@ import tempfile
 from pathlib import Path
 
 from crux_contracts import node_parameters, node_services
+from crux_contracts.scenario_types import VERSION, Scenario
 
 from . import (
     can_c,
     cdr_cpp,
     parameters_c,
     python_side,
+    record_schema,
     robot_cpp,
     robot_python,
     robot_schema,
@@ -72,6 +74,7 @@ def _write_robot(out: Path) -> None:
     write_changed(out / "cpp/crux_msgs/robot.hpp", robot_cpp.header(keys))
     write_changed(out / "python/crux_msgs/robot_keys.py", robot_python.module(keys))
     write_changed(out / "schemas/robot.json", robot_schema.schema(keys))
+    write_changed(out / "schemas/scenario.json", record_schema.schema(Scenario, "a scenario of crux", VERSION))
 
 
 def _write_can(out: Path) -> None:

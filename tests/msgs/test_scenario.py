@@ -24,7 +24,7 @@ def test_every_value_is_read() -> None:
     assert s.start.grasps["RF"].hold == "b"
     assert s.start.grasps["RF"].faces == "y"
     assert s.goal.body.rpy_rad[2] == pytest.approx(0.0872664626)
-    assert (s.goal.tolerance_m, s.goal.tolerance_deg) == (0.02, 2)
+    assert (s.goal.tolerance_m, s.goal.body.tolerance_deg) == (0.02, 2)
     assert (s.horizon.steps, s.horizon.duration_s) == (40, 80)
     assert (s.planner.method, s.planner.rho, s.planner.iterations) == ("multi_block", 10, 5)
     assert (s.planner.weights, s.planner.margins) == ({"lift": 2}, {"friction": 0.1})
@@ -40,7 +40,7 @@ def test_defaults_are_the_documented_ones() -> None:
     assert (s.contact.spine_shear_N, s.contact.spine_twist_Nm, s.contact.spines_only) == (0, 0, {})
     assert (s.holds, s.obstacles, s.goal.grasps) == ((), (), {})
     assert s.start.body.rpy_deg == (0, 0, 0)
-    assert (s.goal.tolerance_m, s.goal.tolerance_deg) == (0.01, 3)
+    assert (s.goal.tolerance_m, s.goal.body.tolerance_deg) == (0.01, 3)
     assert (s.planner.method, s.planner.rho) == ("auto", None)
     assert s.planner.limit_surface == "cone"
     assert s.start.feet["RR"] == (-0.1, -0.3)

@@ -73,7 +73,7 @@ EPILOG = f"""a first climb, and the same step by step:
   crux climb out/plan.mcap -o out/climb.mcap
   crux report out/climb.mcap -o out/climb.html
 
-completion and checks in an editor, by the first line of robot.yaml:
+completion and checks in an editor, by the first line of robot.yaml, or scenario.json by that of a scenario:
   # yaml-language-server: $schema={SCHEMAS}/robot.json
 
 exit status: 0 done, 1 the work failed (infeasible, unsafe, fell, differs), 2 the input or the usage is wrong"""

@@ -1,15 +1,16 @@
-"""A scenario as typed values. Frame W: z off the wall, x up the slope."""
+"""A scenario as typed values, with what each key of its file may hold. Frame W: z off the wall, x up the slope."""
 
 from __future__ import annotations
 
 import hashlib
 import math
 from dataclasses import dataclass, field
-from typing import Literal
 
+from . import LIMB_NAMES
+from .records import REQUIRED, key
 from .yaml_document import DocumentError
 
-Faces = Literal["x", "y"]
+VERSION = 1  # of the file
 FACE_NAMES = ("+x", "-x", "+y", "-y", "top")
 METHODS = ("auto", "two_block", "multi_block", "benchmark")
 LIMIT_SURFACES = ("cone", "inner", "paper")
@@ -17,6 +18,14 @@ IDLE = ("cut", "keep")  # knots of a plan at which nothing moves
 WEIGHTS = ("body", "position", "orientation", "velocity", "wrench", "lift", "opening", "switching")
 MARGINS = ("friction", "clearance_m", "torque")
 GRAVITY_M_S2 = 9.81
+MAX_SLOPE_DEG = 110.0
+MAX_POSITION_M = 20.0
+MAX_BODY_HEIGHT_M = 1.0
+MAX_FRICTION = 5.0
+MAX_CUBOIDS = 300
+MAX_STEPS = 1000
+SIZE_M = (0.005, 2.0)
+POSITION = (-MAX_POSITION_M, MAX_POSITION_M, "m")
 TWIST_RADIUS_RATIO = 2.0 / 3.0
 """k / r_p of equation (2): exact for pure twist of a round patch under uniform pressure."""
 
@@ -27,8 +36,8 @@ class ScenarioError(DocumentError):
 
 @dataclass(frozen=True)
 class Wall:
-    slope_deg: float
-    friction: float = 0.6
+    slope_deg: float = key(REQUIRED, 0.0, MAX_SLOPE_DEG, "degrees", "0 floor, 90 vertical")
+    friction: float = key(0.6, 0.0, MAX_FRICTION, "", "of the surface itself, for feet")
 
     @property
     def slope_rad(self) -> float:
@@ -42,17 +51,14 @@ class Wall:
 
 @dataclass(frozen=True)
 class Contact:
-    """Patch: limit surface (2) with spines (3), a finger. Point: Coulomb friction of a foot on the wall.
+    """Patch: limit surface (2) with spines (3), a finger. Point: Coulomb friction of a foot on the wall."""
 
-    `spines_only` names, by limb, the finger (1 or 2) whose normal force is 0 all the time: its spines alone carry it.
-    """
-
-    model: Literal["patch", "point"]
-    patch_radius_m: float = 0.02
-    max_normal_N: float = 60.0
-    spine_shear_N: float = 0.0
-    spine_twist_Nm: float = 0.0
-    spines_only: dict[str, int] = field(default_factory=dict)
+    model: str = key(REQUIRED, words=("patch", "point"), means="grippers on holds, or feet on the wall itself")
+    patch_radius_m: float = key(0.02, 0.001, 0.1, "m", "of a finger's contact patch; bounds its twist")
+    max_normal_N: float = key(60.0, 0.0, 1000.0, "N", "greatest normal force of a finger", above=True)
+    spine_shear_N: float = key(0.0, 0.0, 200.0, "N", "what spines carry without any normal force")
+    spine_twist_Nm: float = key(0.0, 0.0, 10.0, "Nm", "the same of a twist")
+    spines_only: dict[str, int] = key(dict, 1, 2, "", "fingers that never press and hang by spines", words=LIMB_NAMES)
 
     @property
     def patch_k_m(self) -> float:
@@ -62,12 +68,12 @@ class Contact:
 
 @dataclass(frozen=True)
 class Cuboid:
-    """Stands on the wall at position_m (centre of its foot), turned by yaw about W's z."""
+    """Stands on the wall."""
 
-    name: str
-    position_m: tuple[float, float]
-    size_m: tuple[float, float, float]
-    yaw_deg: float = 0.0
+    name: str = key(REQUIRED, means="any text, each name once")
+    position_m: tuple[float, float] = key(REQUIRED, *POSITION, "x, y of the centre of its foot on the wall")
+    size_m: tuple[float, float, float] = key(REQUIRED, *SIZE_M, "m", "along its own axes")
+    yaw_deg: float = key(0.0, -360.0, 360.0, "degrees", "rotation about W's z")
 
     @property
     def yaw_rad(self) -> float:
@@ -78,8 +84,8 @@ class Cuboid:
 class Hold(Cuboid):
     """A graspable cuboid. friction and spines follow FACE_NAMES."""
 
-    friction: tuple[float, ...] = ()
-    spines: tuple[bool, ...] = (True,) * len(FACE_NAMES)
+    friction: tuple[float, ...] = key((), 0.0, MAX_FRICTION, "", "one, or by face", required=True, reader="friction")
+    spines: tuple[bool, ...] = key((True,) * 5, means="whether spines grip, of all or by face", reader="spines")
 
 
 @dataclass(frozen=True)
@@ -89,17 +95,15 @@ class Obstacle(Cuboid):
 
 @dataclass(frozen=True)
 class Grasp:
-    """faces x: fingers on +x and -x of the hold; y: on +y and -y. `finger1` is the face under finger 1, where given."""
-
-    hold: str
-    faces: Faces
-    finger1: str | None = None
+    hold: str = key(REQUIRED, means="name of the hold")
+    faces: str = key(REQUIRED, words=("x", "y"), means="the pair of faces: +x and -x, or +y and -y")
+    finger1: str | None = key(None, words=FACE_NAMES[:4], means="face under finger 1, if both ways fit", reader="plain")
 
 
 @dataclass(frozen=True)
 class BodyPose:
-    position_m: tuple[float, float, float]
-    rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position_m: tuple[float, float, float] = key(REQUIRED, means="x, y, and height over the wall", reader="place")
+    rpy_deg: tuple[float, float, float] = key((0.0, 0.0, 0.0), -180.0, 180.0, "degrees", "roll, pitch and yaw")
 
     @property
     def rpy_rad(self) -> tuple[float, float, float]:
@@ -109,11 +113,11 @@ class BodyPose:
 
 @dataclass(frozen=True)
 class Gripper:
-    """Where a gripper in the air is; opening: pad face to gripper centre."""
+    """Where a gripper in the air is."""
 
-    position_m: tuple[float, float, float]
-    yaw_deg: float
-    opening_m: float
+    position_m: tuple[float, float, float] = key(REQUIRED, *POSITION, "of its centre")
+    opening_m: float = key(REQUIRED, 0.0, 0.5, "m", "from a pad's face to the centre")
+    yaw_deg: float = key(0.0, -360.0, 360.0, "degrees", "about W's z")
 
     @property
     def yaw_rad(self) -> float:
@@ -122,30 +126,38 @@ class Gripper:
 
 @dataclass(frozen=True)
 class Start:
-    """Patch model: every limb has a grasp or is in the air. Point model: a foot on the wall (x, y) for every limb."""
+    """Patch model: every limb has a grasp or is in the air. Point model: a foot on the wall for every limb."""
 
-    body: BodyPose
-    grasps: dict[str, Grasp] = field(default_factory=dict)
-    air: dict[str, Gripper] = field(default_factory=dict)
-    feet: dict[str, tuple[float, float]] = field(default_factory=dict)
+    body: BodyPose = key(REQUIRED, means="pose of the body")
+    grasps: dict[str, Grasp] = key(dict, words=LIMB_NAMES, means="of every limb that is not in the air")
+    air: dict[str, Gripper] = key(dict, words=LIMB_NAMES, means="grippers in the air, where they are")
+    feet: dict[str, tuple[float, float]] = key(dict, *POSITION, "where the model is point", words=LIMB_NAMES)
+
+
+@dataclass(frozen=True)
+class GoalPose(BodyPose):
+    tolerance_m: float = key(0.01, 0.0005, 0.2, "m", "how far off the body may end")
+    tolerance_deg: float = key(3.0, 0.1, 45.0, "degrees", "the same of its attitude")
 
 
 @dataclass(frozen=True)
 class Goal:
-    body: BodyPose
-    tolerance_m: float = 0.01
-    tolerance_deg: float = 3.0
-    grasps: dict[str, Grasp] = field(default_factory=dict)
+    body: GoalPose = key(REQUIRED, means="pose of the body")
+    grasps: dict[str, Grasp] = key(dict, words=LIMB_NAMES, means="which limb ends on which hold")
+
+    @property
+    def tolerance_m(self) -> float:
+        return self.body.tolerance_m
 
     @property
     def tolerance_rad(self) -> float:
-        return math.radians(self.tolerance_deg)
+        return math.radians(self.body.tolerance_deg)
 
 
 @dataclass(frozen=True)
 class Horizon:
-    steps: int
-    dt_s: float
+    steps: int = key(REQUIRED, 1, MAX_STEPS, means="the most steps; a move of one limb takes about 5 of 2 s")
+    dt_s: float = key(REQUIRED, 0.01, 20.0, "s", "of a step")
 
     @property
     def duration_s(self) -> float:
@@ -154,42 +166,49 @@ class Horizon:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What a plan has to hold for: each number is how far off, either way, something may be (`sigmas` in it)."""
+    """What a plan has to hold for: each number is how far off, either way, something may be, `sigmas` counted in."""
 
-    friction: float = 0.0  # share of every face's friction
-    hold_position_m: float = 0.0  # along x and y of W, each
-    hold_yaw_rad: float = 0.0
-    mass_kg: float = 0.0
-    centre_of_mass_m: float = 0.0  # along each axis
+    friction: float = key(0.0, 0.0, 0.95, "", "share of every face's friction")
+    hold_position_m: float = key(0.0, 0.0, 0.05, "m", "along x and y of W, each")
+    hold_yaw_deg: float = key(0.0, 0.0, 30.0, "degrees", "yaw of a hold")
+    mass_kg: float = key(0.0, 0.0, 20.0, "kg", "of the robot")
+    centre_of_mass_m: float = key(0.0, 0.0, 0.1, "m", "along each axis")
+    sigmas: float = key(1.0, 0.0, 10.0, "", "how many times the other numbers count", above=True)
+
+    @property
+    def hold_yaw_rad(self) -> float:
+        return math.radians(self.hold_yaw_deg)
 
 
 @dataclass(frozen=True)
 class PlannerOptions:
     """None: the planner's own choice."""
 
-    method: str = "auto"
-    rho: float | None = None
-    iterations: int | None = None
-    time_limit_s: float | None = None
-    limit_surface: str = "cone"
-    idle: str = "cut"
-    weights: dict[str, float] = field(default_factory=dict)
-    margins: dict[str, float] = field(default_factory=dict)
+    method: str = key("auto", words=METHODS, means="auto, or the paper's")
+    rho: float | None = key(None, 0.0, 1e6, "", "penalty of the ADMM methods", above=True)
+    iterations: int | None = key(None, 1, 1000, means="most rounds of the ADMM methods")
+    time_limit_s: float | None = key(None, 0.1, 86400.0, "s", "seconds of CPU, workers included")
+    limit_surface: str = key("cone", words=LIMIT_SURFACES, means="(2), a polytope inside it, or (11), partly outside")
+    idle: str = key("cut", words=IDLE, means="leave out steps in which nothing moves, or use all of the horizon")
+    weights: dict[str, float] = key(dict, 0.0, 1e9, words=WEIGHTS, means="of J; body sets position and orientation")
+    margins: dict[str, float] = key(dict, 0.0, 1.0, words=MARGINS, means="kept in reserve")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scenario:
-    name: str
-    robot: str
-    wall: Wall
-    contact: Contact
-    holds: tuple[Hold, ...]
-    obstacles: tuple[Obstacle, ...]
-    start: Start
-    goal: Goal
-    horizon: Horizon
-    planner: PlannerOptions
-    uncertainty: Uncertainty | None
+    """What is climbed or walked: the wall, the holds on it, where the robot is and where it shall be."""
+
+    name: str = key(REQUIRED, means="shown in plans, logs and reports")
+    robot: str = key(REQUIRED, means="a folder under msgs/robots", reader="robot")
+    wall: Wall = key(REQUIRED, means="the plane")
+    contact: Contact = key(REQUIRED, means="how the robot holds on", reader="contact")
+    holds: tuple[Hold, ...] = key((), most=MAX_CUBOIDS, means="cuboids over which grippers close")
+    obstacles: tuple[Obstacle, ...] = key((), most=MAX_CUBOIDS, means="cuboids that nothing may touch; holds are, too")
+    start: Start = key(REQUIRED, means="where the robot is", reader="start")
+    goal: Goal = key(REQUIRED, means="where it shall be", reader="goal")
+    horizon: Horizon = key(REQUIRED, means="steps of the plan")
+    uncertainty: Uncertainty | None = key(None, means="of climbs: the plan holds at its corners", reader="uncertainty")
+    planner: PlannerOptions = key(PlannerOptions(), means="how it is planned")
     yaml_text: str = field(repr=False)
     path: str = "scenario"
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.scenario import ScenarioError
-from crux_contracts.scenario_reader import MAX_STEPS
+from crux_contracts.scenario_types import MAX_STEPS
 
 from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
 from crux_planner.model.schedule import Move

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from crux_contracts.robot import Limb, Robot
 from crux_contracts.scenario import FACE_NAMES, Scenario
-from crux_contracts.scenario_reader import MAX_FRICTION, SIZE_M
+from crux_contracts.scenario_types import MAX_FRICTION, SIZE_M
 
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem

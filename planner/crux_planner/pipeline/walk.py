@@ -6,7 +6,7 @@ from math import ceil
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
-from crux_contracts.scenario_reader import MAX_STEPS
+from crux_contracts.scenario_types import MAX_STEPS
 
 from crux_planner.certificates.bound.bound_worker import BoundWorker
 from crux_planner.certificates.bound.walk import lower_bound

@@ -14,11 +14,12 @@ examples/campaign.yaml has every key. File names are relative to the spec's own 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from crux_contracts.reading import Checker
+from crux_contracts.records import Key, Records
 from crux_contracts.scenario import METHODS, load_scenario
 from crux_contracts.yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
@@ -30,13 +31,12 @@ from crux_simulation.sim.world_file import read_world
 
 VERSION = 1
 MAX_COUNT, MAX_SEED, MAX_ENTRIES = 1_000_000, 2**31 - 1, 1000
-MAX_SLOPE_DEG, MAX_RUNGS, MAX_STEPS, MAX_TIME_S = 110.0, 100, 1000, 3600.0
-SETTINGS = {
-    "wall": ("slope_deg", "all_limbs"),
-    "ladder": ("slope_deg", "rungs", "steps", "obstacles"),
-    "field": (),
-    "walk": (),
-}
+MAX_TIME_S = 3600.0
+SLOPE = {"slope_deg": Key(0.0, 110.0, "deg", type=float)}
+LADDER = {"rungs": Key(4, 100, type=int), "steps": Key(1, 1000, type=int), "obstacles": Key(0, type=int)}
+SETTINGS: dict[str, dict[str, Key]] = {
+    "wall": SLOPE | {"all_limbs": Key(type=bool)}, "ladder": SLOPE | LADDER, "field": {}, "walk": {}
+}  # fmt: skip
 """What a generator takes beside the seed."""
 
 
@@ -50,7 +50,8 @@ class Campaign:
 
 def read_spec(path: Path) -> Campaign:
     """Raises DocumentError with file, line, key, value and what would be right."""
-    check = Checker(str(path))
+    records = Records(str(path))
+    check = records.check
     root = check.members(
         parse_mapping(read_bytes(path), str(path)),
         ("version", "walls"),
@@ -59,7 +60,7 @@ def read_spec(path: Path) -> Campaign:
     if "version" in root:
         check.integer(root["version"], VERSION, VERSION)
     name = check.text(root["name"]) if "name" in root else path.stem
-    entries = [_walls(check, node, path.parent) for node in _some(check, root.get("walls"))]
+    entries = [_walls(records, node, path.parent) for node in _some(check, root.get("walls"))]
     worlds = [_world(check, node, path.parent) for node in _some(check, root.get("worlds"))] or [WorldFile()]
     seeds = [check.integer(node, 0, MAX_SEED) for node in _some(check, root.get("seeds"))]
     methods: list[str | None] = [check.choice(node, METHODS) for node in _some(check, root.get("methods"))]
@@ -97,8 +98,9 @@ def _world(check: Checker, node: Node, folder: Path) -> WorldFile:
     return WorldFile(Path(name).stem, (folder / name).read_text(encoding="utf-8"))
 
 
-def _walls(check: Checker, node: Node, folder: Path) -> tuple[str, list[Wall]]:
+def _walls(records: Records, node: Node, folder: Path) -> tuple[str, list[Wall]]:
     """Name and walls of one entry."""
+    check = records.check
     content = node.content if isinstance(node.content, dict) else {}
     if "scenario" in content:
         return _scenario_file(check, node, folder)
@@ -110,17 +112,11 @@ def _walls(check: Checker, node: Node, folder: Path) -> tuple[str, list[Wall]]:
     count = check.integer(known["count"], 1, MAX_COUNT) if "count" in known else 0
     first = check.integer(known["first_seed"], 0, MAX_SEED) if "first_seed" in known else 1
     settings: dict[str, Any] = {}
-    if "slope_deg" in known:
-        settings["slope_deg"] = check.number(known["slope_deg"], 0.0, MAX_SLOPE_DEG, "deg")
-    if "rungs" in known:
-        settings["rungs"] = check.integer(known["rungs"], 4, MAX_RUNGS)
-    if "steps" in known:
-        settings["steps"] = check.integer(known["steps"], 1, MAX_STEPS)
-    if "obstacles" in known:
-        most = most_obstacles(settings.get("rungs", RUNGS))
-        settings["obstacles"] = check.integer(known["obstacles"], 0, most)
-    if "all_limbs" in known:
-        settings["all_limbs"] = check.flag(known["all_limbs"])
+    for setting, key in SETTINGS.get(kind, {}).items():
+        if setting == "obstacles":
+            key = replace(key, high=most_obstacles(settings.get("rungs", RUNGS)))  # noqa: PLW2901
+        if setting in known:
+            settings[setting] = records.value(key, known[setting])
     name = check.text(known["name"]) if "name" in known else kind
     return name, [Wall(kind, seed, tuple(sorted(settings.items()))) for seed in range(first, first + count)]
 

@@ -15,10 +15,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from crux_contracts import LIMB_NAMES
 from crux_contracts.can_codec import GRIPPER_NODE
-from crux_contracts.reading import Checker
+from crux_contracts.records import REQUIRED, Records, key, keys_of
 from crux_contracts.yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
 VERSION = 1
@@ -42,15 +43,15 @@ KINDS = (*ON_ANY_BUS, OF_THE_SUPPLY, *ON_SOCKETCAN, *OF_THE_RUNTIME)
 class Fault:
     """One thing that goes wrong on one limb's bus, with the nodes' supply, or with the runtime's process."""
 
-    kind: str
-    limb: int
+    kind: str = key(REQUIRED, words=KINDS)
+    limb: int = key(REQUIRED, words=LIMB_NAMES, reader="limb")
     """0..3; -1: of the runtime, or of all limbs' supply"""
-    at_s: float
-    for_s: float = 0.0
-    node: int = 0
+    at_s: float = key(REQUIRED, 0.0, MAX_TIME_S, "s")
+    for_s: float = key(0.0, 0.0, MAX_TIME_S, "s")
+    node: int = key(0, 1, NODES)
     """0: every one of the limb; of its supply"""
-    share: float = SHARE
-    motors: str = MOTORS[0]
+    share: float = key(SHARE, 0.0, 1.0)
+    motors: str = key(MOTORS[0], words=MOTORS)
 
     @property
     def end_s(self) -> float:
@@ -58,45 +59,35 @@ class Fault:
         return self.at_s + self.for_s
 
 
+class _Reader(Records):
+    def limb(self, node: Node) -> int:
+        return LIMB_NAMES.index(self.check.choice(node, LIMB_NAMES))
+
+    def fault(self, node: Node) -> Fault:
+        word = node.content["kind"].content if isinstance(node.content, dict) and "kind" in node.content else ""
+        needed: tuple[str, ...] = ("kind", "limb", "at_s", "for_s")
+        optional: tuple[str, ...] = ("node", "share")
+        if word in OF_THE_RUNTIME:
+            needed = ("kind", "at_s") if word in FOR_GOOD else ("kind", "at_s", "for_s")
+            optional = ("share",) if word == "cpu_starved" else ()
+        if word == OF_THE_SUPPLY:
+            needed, optional = ("kind", "at_s"), ("limb", "node", "for_s", "motors")
+        members, keys = self.check.members(node, needed, optional), keys_of(Fault)
+        if "node" in members and "limb" not in members:
+            self.check.note(members["node"], "expected its limb beside it")
+        usual: dict[str, Any] = {"kind": "", "limb": -1, "at_s": 0.0, "node": 1}
+        if word == OF_THE_SUPPLY:
+            usual |= {"for_s": math.inf, "node": 0}
+        return Fault(**usual | {name: self.value(keys[name], member) for name, member in members.items()})
+
+
 def read_faults(path: Path) -> list[Fault]:
     """The faults of a file, by time. Raises DocumentError, OSError."""
-    check = Checker(str(path))
-    root = check.members(parse_mapping(read_bytes(path), str(path)), ("version", "faults"))
-    faults = []
+    reader, faults = _Reader(str(path)), list[Fault]()
+    root = reader.check.members(parse_mapping(read_bytes(path), str(path)), ("version", "faults"))
     if "version" in root:
-        check.integer(root["version"], VERSION, VERSION)
+        reader.check.integer(root["version"], VERSION, VERSION)
     if "faults" in root:
-        faults = [_fault(check, node) for node in check.items(root["faults"], MAX_FAULTS)]
-    check.finish(DocumentError)
+        faults = [reader.fault(node) for node in reader.check.items(root["faults"], MAX_FAULTS)]
+    reader.check.finish(DocumentError)
     return sorted(faults, key=lambda fault: fault.at_s)
-
-
-def _fault(check: Checker, node: Node) -> Fault:
-    word = node.content["kind"].content if isinstance(node.content, dict) and "kind" in node.content else ""
-    needed: tuple[str, ...] = ("kind", "limb", "at_s", "for_s")
-    optional: tuple[str, ...] = ("node", "share")
-    if word in OF_THE_RUNTIME:
-        needed = ("kind", "at_s") if word in FOR_GOOD else ("kind", "at_s", "for_s")
-        optional = ("share",) if word == "cpu_starved" else ()
-    if word == OF_THE_SUPPLY:
-        needed, optional = ("kind", "at_s"), ("limb", "node", "for_s", "motors")
-    known = check.members(node, needed, optional)
-    kind = check.choice(known["kind"], KINDS) if "kind" in known else ""
-    limb = check.choice(known["limb"], LIMB_NAMES) if "limb" in known else ""
-    numbers = {
-        name: check.number(known[name], 0.0, most, "s" if name.endswith("_s") else "")
-        for name, most in (("at_s", MAX_TIME_S), ("for_s", MAX_TIME_S), ("share", 1.0))
-        if name in known
-    }
-    number = check.integer(known["node"], 1, NODES) if "node" in known else int(word != OF_THE_SUPPLY)
-    if "node" in known and "limb" not in known:
-        check.note(known["node"], "expected its limb beside it")
-    return Fault(
-        kind=kind,
-        limb=LIMB_NAMES.index(limb) if limb in LIMB_NAMES else -1,
-        at_s=numbers.get("at_s", 0.0),
-        for_s=numbers.get("for_s", math.inf if kind == OF_THE_SUPPLY else 0.0),
-        node=number,
-        share=numbers.get("share", SHARE),
-        motors=check.choice(known["motors"], MOTORS) if "motors" in known else MOTORS[0],
-    )

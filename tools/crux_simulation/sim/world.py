@@ -8,8 +8,9 @@ from typing import Any
 
 import yaml
 from crux_contracts import LIMB_NAMES
+from crux_contracts.records import REQUIRED, Key, key
 from crux_contracts.robot_bounds import JOINTS
-from crux_contracts.scenario_reader import MAX_FRICTION
+from crux_contracts.scenario import MAX_FRICTION
 from crux_contracts.yaml_document import DocumentError
 
 VERSION = 1
@@ -26,41 +27,30 @@ class WorldError(DocumentError):
     """A world file that cannot be used; str() names file, line, key, value and what would be right."""
 
 
-@dataclass(frozen=True)
-class Range:
-    low: float
-    high: float
-    unit: str = ""
-
-
-def _number(default: Any, low: float, high: float, unit: str = "") -> Any:
-    return field(default=default, metadata={"range": Range(low, high, unit)})
-
-
-def _time(default: float = MISSING, low: float = 0.0) -> Any:  # type: ignore[assignment]
-    return field(default=default, metadata={"range": Range(low, MAX_TIME_S, "s")})
+def _time(default: Any, low: float = 0.0) -> Any:
+    return key(default, low, MAX_TIME_S, "s")
 
 
 @dataclass(frozen=True)
 class HoldChange:
     """How a hold or obstacle differs from its place in the plan; offset and change of size in its own frame."""
 
-    offset_m: tuple[float, ...] = _number(ZERO, -1.0, 1.0, "m")
-    yaw_deg: float = _number(0.0, -180.0, 180.0, "degrees")
-    size_change_m: tuple[float, ...] = _number(ZERO, -1.0, 1.0, "m")
-    corner_cut_m: tuple[float, ...] = _number((0.0, 0.0), -1.0, 1.0, "m")
+    offset_m: tuple[float, ...] = key(ZERO, -1.0, 1.0, "m")
+    yaw_deg: float = key(0.0, -180.0, 180.0, "degrees")
+    size_change_m: tuple[float, ...] = key(ZERO, -1.0, 1.0, "m")
+    corner_cut_m: tuple[float, ...] = key((0.0, 0.0), -1.0, 1.0, "m")
     """along x and y, from the corner on the side of their signs: what is beyond is missing, over the whole height"""
-    friction_factor: float = _number(1.0, 0.0, 10.0)
-    friction: dict[str, float] = field(default_factory=dict, metadata={"range": Range(0.0, MAX_FRICTION)})
+    friction_factor: float = key(1.0, 0.0, 10.0)
+    friction: dict[str, float] = key(dict, 0.0, MAX_FRICTION)
     """by face, in place of the plan's"""
-    spines: dict[str, bool] = field(default_factory=dict)
+    spines: dict[str, bool] = key(dict)
     """by face: whether they grip"""
-    stiffness_N_m: float = _number(math.inf, 1e3, 2e5, "N/m")
+    stiffness_N_m: float = key(math.inf, 1e3, 2e5, "N/m")
     """along each axis, of what fixes it to the wall"""
-    viscosity_Ns_m: float = _number(math.inf, 1e3, 1e9, "Ns/m")
+    viscosity_Ns_m: float = key(math.inf, 1e3, 1e9, "Ns/m")
     """along each axis, of what fixes it to the wall: it creeps at force over viscosity"""
-    present: bool = True
-    breaks_at_N: float = _number(math.inf, 0.0, 1e4, "N")
+    present: bool = key(True)
+    breaks_at_N: float = key(math.inf, 0.0, 1e4, "N")
     breaks_at_s: float = _time(math.inf)
 
 
@@ -68,27 +58,27 @@ class HoldChange:
 class JointChange:
     """How a joint's drive differs from the robot description."""
 
-    torque_factor: float = _number(1.0, 0.0, 2.0)
-    torque_limit_Nm: float = _number(math.inf, 0.0, 100.0, "Nm")
-    lag_s: float = _number(0.0, 0.0, 0.2, "s")
-    dead_cycles: float = _number(0.0, 0.0, 16.0, "cycles")
-    setpoint_time_constant_s: float | None = _number(None, 0.002, 0.5, "s")
-    friction_Nm: float = _number(0.0, 0.0, 20.0, "Nm")
-    stiction_Nm: float = _number(0.0, 0.0, 20.0, "Nm")
-    backlash_rad: float = _number(0.0, 0.0, 0.2, "rad")
-    stiffness_Nm_rad: float = _number(math.inf, 50.0, 5000.0, "Nm/rad")
-    heating_K_Nm2: float = _number(0.0, 0.0, 100.0, "K/Nm²")
-    heating_time_s: float = _number(30.0, 0.1, 1e4, "s")
+    torque_factor: float = key(1.0, 0.0, 2.0)
+    torque_limit_Nm: float = key(math.inf, 0.0, 100.0, "Nm")
+    lag_s: float = key(0.0, 0.0, 0.2, "s")
+    dead_cycles: float = key(0.0, 0.0, 16.0, "cycles")
+    setpoint_time_constant_s: float | None = key(None, 0.002, 0.5, "s")
+    friction_Nm: float = key(0.0, 0.0, 20.0, "Nm")
+    stiction_Nm: float = key(0.0, 0.0, 20.0, "Nm")
+    backlash_rad: float = key(0.0, 0.0, 0.2, "rad")
+    stiffness_Nm_rad: float = key(math.inf, 50.0, 5000.0, "Nm/rad")
+    heating_K_Nm2: float = key(0.0, 0.0, 100.0, "K/Nm²")
+    heating_time_s: float = key(30.0, 0.1, 1e4, "s")
 
 
 @dataclass(frozen=True)
 class GripperChange:
     """How a gripper's drive differs from the robot description."""
 
-    force_factor: float = _number(1.0, 0.0, 2.0)
-    force_limit_N: float = _number(math.inf, 0.0, 1000.0, "N")
-    speed_limit_m_s: float = _number(math.inf, 1e-4, 1.0, "m/s")
-    jams_at_m: float | None = _number(None, 0.0, 0.1, "m")
+    force_factor: float = key(1.0, 0.0, 2.0)
+    force_limit_N: float = key(math.inf, 0.0, 1000.0, "N")
+    speed_limit_m_s: float = key(math.inf, 1e-4, 1.0, "m/s")
+    jams_at_m: float | None = key(None, 0.0, 0.1, "m")
     jams_at_s: float = _time(math.inf)
 
 
@@ -96,18 +86,18 @@ class GripperChange:
 class Payload:
     """A point mass on the body, at a place in the body's frame."""
 
-    mass_kg: float = _number(0.0, 0.0, 20.0, "kg")
-    position_m: tuple[float, ...] = _number(ZERO, -1.0, 1.0, "m")
+    mass_kg: float = key(0.0, 0.0, 20.0, "kg")
+    position_m: tuple[float, ...] = key(ZERO, -1.0, 1.0, "m")
 
 
 @dataclass(frozen=True)
 class Push:
     """Force and moment on the body's centre of mass, frame W."""
 
-    at_s: float = _time(low=HAND_GONE_S)
-    for_s: float = _time()
-    force_N: tuple[float, ...] = _number(ZERO, -1000.0, 1000.0, "N")
-    moment_Nm: tuple[float, ...] = _number(ZERO, -1000.0, 1000.0, "Nm")
+    at_s: float = _time(REQUIRED, HAND_GONE_S)
+    for_s: float = _time(REQUIRED)
+    force_N: tuple[float, ...] = key(ZERO, -1000.0, 1000.0, "N")
+    moment_Nm: tuple[float, ...] = key(ZERO, -1000.0, 1000.0, "Nm")
 
 
 @dataclass(frozen=True)
@@ -149,9 +139,9 @@ SENSORS: dict[str, dict[str, tuple[int, float]]] = {
 """Channels of a sensor by their unit: how many, and the most that an error may be."""
 BY_CHANNEL = ("bias", "jump", "drift", "saturation")
 SHARES = {
-    "scale": ("factor", Range(-10.0, 10.0)),
-    "cross_talk": ("share", Range(-1.0, 1.0)),
-    "dropout": ("share", Range(0.0, 1.0)),
+    "scale": ("factor", Key(-10.0, 10.0)),
+    "cross_talk": ("share", Key(-1.0, 1.0)),
+    "dropout": ("share", Key(0.0, 1.0)),
 }
 ERRORS = (*BY_CHANNEL, *SHARES, "freeze", "zero", "nan")
 
@@ -197,11 +187,11 @@ class World:
 def _differing(change: Any) -> dict[str, Any]:
     """The keys of a dataclass that are not at their default."""
     found = {}
-    for key in fields(change):
-        value = getattr(change, key.name)
-        default = key.default_factory() if key.default_factory is not MISSING else key.default
+    for each in fields(change):
+        value = getattr(change, each.name)
+        default = each.default_factory() if each.default_factory is not MISSING else each.default
         if value != default:
-            found[key.name] = list(value) if isinstance(value, tuple) else value
+            found[each.name] = list(value) if isinstance(value, tuple) else value
     return found
 
 

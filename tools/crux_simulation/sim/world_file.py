@@ -11,13 +11,14 @@ import hashlib
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
-from crux_contracts.reading import Checker, did_you_mean
+from crux_contracts.reading import did_you_mean
+from crux_contracts.records import Key, Records
 from crux_contracts.scenario import FACE_NAMES
 from crux_contracts.yaml_document import MAX_BYTES, DocumentError, Node, Problem, parse_mapping, read_bytes
 from crux_msgs import plan_t
@@ -36,7 +37,6 @@ from crux_simulation.sim.world import (
     JointChange,
     Payload,
     Push,
-    Range,
     SensorError,
     Vector,
     World,
@@ -48,7 +48,7 @@ MAX_ENTRIES = 1000
 SECTIONS = ("holds", "robot", "sensors", "pushes")
 ROBOT_KEYS = ("payload", "ambient_degC", "joints", "grippers")
 DISTRIBUTIONS = {"uniform": "[least, most]", "normal": "[mean, deviation]"}
-_AMBIENT = Range(-40.0, 80.0, "degC")
+_AMBIENT = Key(-40.0, 80.0, "degC")
 
 T = TypeVar("T")
 
@@ -98,11 +98,11 @@ def parse_world(data: bytes, path: str = "world") -> WorldSpec:
     return spec
 
 
-class _Reader:
+class _Reader(Records):
     """Walks a world file. Without a seed it checks; with one it draws, and what it walks has been checked."""
 
     def __init__(self, path: str, seed: int | None) -> None:
-        self.check = Checker(path)
+        super().__init__(path)
         self.seed = seed
 
     def world(self, spec: WorldSpec, holds: Sequence[str] | None, graspable: Sequence[bool]) -> World:
@@ -117,12 +117,12 @@ class _Reader:
             spec.sha256,
             self.seed or 0,
             self._holds(root["holds"], holds, graspable) if "holds" in root else {},
-            self.record(Payload, [robot["payload"]], "robot.payload") if "payload" in robot else Payload(),
+            self.record(Payload, robot["payload"], place="robot.payload") if "payload" in robot else Payload(),
             AMBIENT_DEGC if ambient is None else ambient,
             self._joints(robot["joints"]) if "joints" in robot else {},
             self._grippers(robot["grippers"]) if "grippers" in robot else {},
             tuple(error for node in self._list(root, "sensors") for error in self._sensor_errors(node)),
-            tuple(self.record(Push, [node], node.key) for node in self._list(root, "pushes")),
+            tuple(self.record(Push, node, place=node.key) for node in self._list(root, "pushes")),
         )
 
     def _list(self, root: dict[str, Node], section: str) -> list[Node]:
@@ -137,7 +137,7 @@ class _Reader:
     def _holds(self, node: Node, names: Sequence[str] | None, graspable: Sequence[bool]) -> dict[str, HoldChange]:
         entries = self._mapping(node)
         if names is None:
-            return {name: self.record(HoldChange, [entry], f"holds.{name}") for name, entry in entries.items()}
+            return {name: self.record(HoldChange, entry, place=f"holds.{name}") for name, entry in entries.items()}
         chains: dict[str, list[Node]] = {
             name: [entries[ALL]] if ALL in entries and grasped else []
             for name, grasped in zip(names, graspable, strict=True)
@@ -150,7 +150,7 @@ class _Reader:
                 chains[names[index]].append(entry)
             elif name != ALL:
                 self.check.note_at(entry, "", "", f"no such hold in the plan; {did_you_mean(name, names)}")
-        return {name: self.record(HoldChange, chain, f"holds.{name}") for name, chain in chains.items() if chain}
+        return {name: self.record(HoldChange, *chain, place=f"holds.{name}") for name, chain in chains.items() if chain}
 
     def _joints(self, node: Node) -> dict[str, JointChange]:
         entries = self.check.members(node, [], [ALL, *LIMB_NAMES, *JOINT_NAMES])
@@ -166,9 +166,9 @@ class _Reader:
         self, kind: type[T], where: str, entries: dict[str, Node], chains: dict[str, list[str]]
     ) -> dict[str, T]:
         if self.seed is None:
-            return {name: self.record(kind, [entry], where) for name, entry in entries.items()}
+            return {name: self.record(kind, entry, place=where) for name, entry in entries.items()}
         return {
-            name: self.record(kind, [entries[key] for key in chain], f"{where}.{name}")
+            name: self.record(kind, *(entries[key] for key in chain), place=f"{where}.{name}")
             for name, chain in chains.items()
             if chain
         }
@@ -201,7 +201,7 @@ class _Reader:
                 error,
                 self._sensor_values(keys, sensor, error, f"{node.key}.{place}"),
                 *(
-                    self.number(keys[name], Range(0.0, MAX_TIME_S, "s"), f"{node.key}.{place}.{name}")
+                    self.number(keys[name], Key(0.0, MAX_TIME_S, "s"), f"{node.key}.{place}.{name}")
                     if name in keys
                     else default
                     for name, default in (("from_s", 0.0), ("for_s", math.inf))
@@ -220,7 +220,7 @@ class _Reader:
         nothing = math.inf if error == "saturation" else 0.0
         values: list[float] = []
         for unit, (count, most) in SENSORS[sensor].items():
-            bounds = Range(0.0 if error == "saturation" else -most, most, unit)
+            bounds = Key(0.0 if error == "saturation" else -most, most, unit)
             if unit not in keys:
                 values += [nothing] * count
             elif count == 1:
@@ -229,45 +229,25 @@ class _Reader:
                 values += self.vector(keys[unit], bounds, count, f"{place}.{unit}")
         return tuple(values)
 
-    def record(self, kind: type[T], chain: Sequence[Node], place: str) -> T:
-        """A dataclass of numbers, from the last node of the chain that has each key."""
-        keys: dict[str, Node] = {}
-        required = [key.name for key in fields(kind) if key.default is MISSING and key.default_factory is MISSING]  # type: ignore[arg-type]
-        optional = [key.name for key in fields(kind) if key.name not in required]  # type: ignore[arg-type]
-        for node in chain:
-            keys |= self.check.members(node, required, optional)
-        types = get_type_hints(kind)
-        values = {
-            key.name: self._value(keys[key.name], types[key.name], key, f"{place}.{key.name}")
-            for key in fields(kind)  # type: ignore[arg-type]
-            if key.name in keys
-        }
-        return kind(**(dict.fromkeys(required, 0.0) | values))
-
-    def _value(self, node: Node, kind: Any, key: Any, place: str) -> Any:
-        if kind is bool:
-            return self.check.flag(node)
-        if kind == dict[str, bool]:
+    def value(self, key: Key, node: Node, place: str = "") -> Any:
+        if key.type == dict[str, bool]:
             return self._spines(node)
-        bounds: Range = key.metadata["range"]
-        if kind == dict[str, float]:
-            return self._friction(node, bounds, place)
-        if kind == Vector:
-            return self.vector(node, bounds, len(key.default), place)
-        return self.number(node, bounds, place)
+        if key.type == dict[str, float]:
+            return self._friction(node, key, place)
+        return super().value(key, node, place)
 
     def _spines(self, node: Node) -> dict[str, bool]:
         if not isinstance(node.content, dict):
             return dict.fromkeys(FACE_NAMES, self.check.flag(node))
         return {face: self.check.flag(flag) for face, flag in self.check.members(node, [], FACE_NAMES).items()}
 
-    def _friction(self, node: Node, bounds: Range, place: str) -> dict[str, float]:
+    def _friction(self, node: Node, bounds: Key, place: str) -> dict[str, float]:
         if not isinstance(node.content, dict) or set(node.content) & set(DISTRIBUTIONS):
             return dict.fromkeys(FACE_NAMES, self.number(node, bounds, place))
         faces = self.check.members(node, [], FACE_NAMES)
         return {face: self.number(value, bounds, f"{place}.{face}") for face, value in faces.items()}
 
-    def vector(self, node: Node, bounds: Range, count: int, place: str) -> Vector:
+    def vector(self, node: Node, bounds: Key, count: int, place: str) -> Vector:
         """`count` numbers: a list, or a draw for each."""
         if isinstance(node.content, dict):
             return tuple(
@@ -278,7 +258,7 @@ class _Reader:
             return (0.0,) * count
         return tuple(self.number(item, bounds, f"{place}[{i}]") for i, item in enumerate(node.content))
 
-    def number(self, node: Node, bounds: Range, place: str) -> float:
+    def number(self, node: Node, bounds: Key, place: str) -> float:
         """A number within `bounds`, drawn where the file says so; a draw beyond them is their end."""
         if not isinstance(node.content, dict):
             return self.check.number(node, bounds.low, bounds.high, bounds.unit)

@@ -1,4 +1,4 @@
-"""The JSON schema of robot.yaml, for editors, refuses what the reader refuses for the sake of one key."""
+"""The JSON schemas of robot.yaml and of scenarios, for editors, refuse what the readers refuse for one key's sake."""
 
 from __future__ import annotations
 
@@ -10,19 +10,28 @@ from typing import Any
 
 import pytest
 from crux_contracts.robot import ROBOTS
+from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_contracts.yaml_document import Node, parse_mapping
-from crux_tools.paths import SCHEMAS
+from crux_tools.paths import ROOT, SCENARIOS, SCHEMAS
 
-TYPES: dict[str, Any] = {"number": (int, float), "integer": int, "string": str, "array": list, "object": dict}
+TYPES: dict[str, Any] = {
+    "number": (int, float),
+    "integer": int,
+    "string": str,
+    "array": list,
+    "object": dict,
+    "boolean": bool,
+}
 
 
 def wrong(schema: dict[str, Any], value: Any, place: str = "") -> list[str]:
     """Places that a schema refuses, by the keywords that crux's schemas use (JSON Schema draft 7)."""
     kind = schema.get("type")
-    if kind and (not isinstance(value, TYPES[kind]) or isinstance(value, bool)):
+    if kind and (not isinstance(value, TYPES[kind]) or isinstance(value, bool) != (kind == "boolean")):
         return [place]
     tests: dict[str, Callable[[Any], bool]] = {
         "minimum": lambda least: value >= least,
+        "exclusiveMinimum": lambda least: value > least,
         "maximum": lambda most: value <= most,
         "const": lambda only: value == only,
         "enum": lambda choices: value in choices,
@@ -34,14 +43,15 @@ def wrong(schema: dict[str, Any], value: Any, place: str = "") -> list[str]:
         "minProperties": lambda least: len(value) >= least,
         "maxProperties": lambda most: len(value) <= most,
         "required": lambda keys: set(keys) <= set(value),
+        "anyOf": lambda schemas: any(not wrong(each, value) for each in schemas),
     }
     told = {"$schema", "title", "description", "type", "items", "properties", "additionalProperties"}
     assert set(schema) <= told | set(tests), "a keyword that this test does not know"
     found = [place] if not all(tests[word](schema[word]) for word in tests if word in schema) else []
     for index, item in enumerate(value if isinstance(value, list) else []):
-        found += wrong(schema["items"], item, f"{place}[{index}]")
+        found += wrong(schema.get("items", {}), item, f"{place}[{index}]")
     for key, member in value.items() if isinstance(value, dict) else []:
-        known = schema["properties"].get(key, schema["additionalProperties"])
+        known = schema.get("properties", {}).get(key, schema.get("additionalProperties", {}))
         found += [f"{place}.{key}"] if known is False else wrong(known, member, f"{place}.{key}")
     return found
 
@@ -52,10 +62,14 @@ def plain(node: Node) -> Any:
     return [plain(item) for item in node.content] if isinstance(node.content, list) else node.content
 
 
+def read_schema(name: str) -> dict[str, Any]:
+    read: dict[str, Any] = json.loads((SCHEMAS / name).read_text(encoding="utf-8"))
+    return read
+
+
 @pytest.fixture(scope="module")
 def schema() -> dict[str, Any]:
-    read: dict[str, Any] = json.loads((SCHEMAS / "robot.json").read_text(encoding="utf-8"))
-    return read
+    return read_schema("robot.json")
 
 
 @pytest.fixture
@@ -96,3 +110,43 @@ def test_a_missing_key_or_another_folder_is_marked(schema: dict[str, Any], scale
     scaler["urdf"] = "../scaler.urdf"
     scaler["limbs"]["LF"]["bus"] = 16
     assert wrong(schema, scaler) == [".urdf", ".limbs.LF.bus", ".control"]
+
+
+def test_shipped_scenarios_are_right() -> None:
+    schema = read_schema("scenario.json")
+    for path in (*SCENARIOS.glob("*.yaml"), ROOT / "examples" / "scenario.yaml"):
+        assert wrong(schema, plain(parse_mapping(path.read_bytes(), str(path)))) == [], path
+
+
+@pytest.mark.parametrize(
+    ("keys", "value"),
+    [
+        (["version"], 2),
+        (["name"], " "),
+        (["wall", "slope_deg"], 120),
+        (["contact", "model"], "hook"),
+        (["contact", "max_normal_N"], 0),
+        (["contact", "spines_only"], {"LF": 3}),
+        (["holds", 0, "size_m"], [0.06, 0.06]),
+        (["holds", 0, "friction"], {"+x": 1.0}),
+        (["holds", 0, "friction"], -1),
+        (["holds", 0, "spines"], "no"),
+        (["start", "grasps", "LF", "faces"], "z"),
+        (["start", "body", "rpy_deg"], [0, 0, 200]),
+        (["goal", "body", "tolerance_m"], 0),
+        (["horizon", "steps"], 2.5),
+        (["planner", "weights", "bodies"], 1),
+        (["colour"], "red"),
+    ],
+)
+def test_a_wrong_value_of_a_scenario_is_marked_where_the_reader_refuses_it(keys: list[Any], value: object) -> None:
+    path = ROOT / "examples" / "scenario.yaml"
+    document = copy.deepcopy(plain(parse_mapping(path.read_bytes(), str(path))))
+    parent = document
+    for key in keys[:-1]:
+        parent = parent[key]
+    parent[keys[-1]] = value
+    (place, *_) = wrong(read_schema("scenario.json"), document)
+    with pytest.raises(ScenarioError):
+        parse_scenario(document)
+    assert place.startswith("".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys[:2]))

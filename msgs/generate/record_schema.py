@@ -1,0 +1,55 @@
+"""JSON schema of a file that dataclasses describe (crux_contracts.records), by which editors complete and check it."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import is_dataclass, replace
+from typing import Any, get_args
+
+from crux_contracts.records import Key, keys_of
+from crux_contracts.scenario_types import FACE_NAMES
+
+from .robot_schema import TEXT, listed, mapping
+
+
+def schema(kind: type, title: str, version: int) -> str:
+    """Of a file with a version at its top."""
+    top = _record(kind)
+    top["properties"]["version"] = {"const": version}
+    top["required"].insert(0, "version")
+    return json.dumps({"$schema": "http://json-schema.org/draft-07/schema#", "title": title} | top, indent=1) + "\n"
+
+
+def _record(kind: Any) -> dict[str, Any]:
+    keys = keys_of(kind)
+    required = [name for name, key in keys.items() if key.required]
+    return mapping(kind.__doc__ or "", {name: _described(key) for name, key in keys.items()}, required)
+
+
+def _described(key: Key) -> dict[str, Any]:
+    return {**_value(key), "description": f"{key.means} [{key.unit}]" if key.unit else key.means}
+
+
+def _value(key: Key) -> dict[str, Any]:
+    least = {"exclusiveMinimum" if key.above else "minimum": key.low} if math.isfinite(key.low) else {}
+    bounds = least | ({"maximum": key.high} if math.isfinite(key.high) else {})
+    parts = [part for part in get_args(key.type) if part not in (type(None), ...)]
+    kinds = {float: "number", int: "integer", bool: "boolean"}
+    if key.reader in ("friction", "spines"):  # one for all faces, or by face
+        each = _value(replace(key, reader="", type=parts[0]))
+        faces = list(FACE_NAMES) if key.required else []
+        return {"anyOf": [each, mapping("by face", dict.fromkeys(FACE_NAMES, each), faces)]}
+    if key.type in kinds:
+        return {"type": kinds[key.type], **bounds}
+    if key.type is str:
+        return {"enum": list(key.words)} if key.words else TEXT
+    if is_dataclass(key.type):
+        return _record(key.type)
+    each = _value(replace(key, type=parts[-1], words=key.words if parts[0] is str and len(parts) == 1 else ()))
+    if type(None) in get_args(key.type):
+        return each
+    if key.type.__origin__ is dict:
+        return mapping("by name", dict.fromkeys(key.words, each), [])
+    count = {"maxItems": key.most} if key.most else {}
+    return {"type": "array", "items": each} | count if count else listed(each, len(parts))
