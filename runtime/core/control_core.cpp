@@ -296,7 +296,7 @@ void ControlCore::locate(double dt_s) noexcept {
 
 void ControlCore::share(double dt_s) noexcept {
   grips_.pull_new_grasps(view(), limbs_, supervisor_.state() == SupervisorState::kClimbing, dt_s);
-  wrenches_W_ = shared(view(), grips_, sharing_);
+  wrenches_W_ = shared(view(), grips_, sharing_, rise_.rises() ? StandUp::kSharedTorque : 1.0);
 }
 
 void ControlCore::aim(double dt_s) noexcept {

@@ -12,8 +12,7 @@ namespace {
 
 // A gripper that came down on its hold, or was closing about it, is turned by more than that: it begins anew.
 constexpr double kAskew_rad = 0.1;
-// A body stands up as long as no joint and no grip is used further than that, and limbs come where they should.
-constexpr double kMostTorque = 0.95, kMostUsed = 0.9, kMostMissed_m = 0.002;
+constexpr double kMostUsed = 0.9;  // of a grip, while the body stands up
 
 FaultEvent fault_of(const crux_msgs::fault_t& left) {
   if (crux_msgs::fault_info(left.code) == nullptr) return {};
@@ -108,12 +107,12 @@ void ControlCore::stand_up(double dt_s) noexcept {
   if (!rise_.rises()) return;
   const CycleView now = view();
   bool may = engagement() >= 1.0;
-  for (int l = 0; l < kLimbs; ++l) {
-    const bool bears = limbs_[l].torque_share() <= kMostTorque && grips_.utilisation(now, l) <= kMostUsed;
+  for (int l = 0; may && l < kLimbs; ++l) {
+    const bool bears = limbs_[l].torque_share() <= StandUp::kMostTorque && grips_.utilisation(now, l) <= kMostUsed;
     const LimbPhase phase = reference_.limbs[l].phase;
     const bool flies = phase == LimbPhase::kLift || phase == LimbPhase::kSwing || phase == LimbPhase::kDescend;
-    const bool comes = flies ? !limbs_[l].caught() : limbs_[l].ik_error_m() <= kMostMissed_m;
-    may = may && bears && comes;
+    const bool comes = flies ? !limbs_[l].caught() : rise_.follows(l, limbs_[l].ik_error_m());
+    may = bears && comes;
   }
   rise_.advance(may, dt_s);
   reference_.body_W = rise_.below(reference_.body_W);

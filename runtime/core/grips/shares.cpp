@@ -32,13 +32,15 @@ PerLimb<Wrench> balanced(const CycleView& now, const PerLimb<Bearer>& bearers) n
                            now.robot.control.twist_length_m);
 }
 
-PerLimb<Wrench> shared(const CycleView& now, const Grips& grips, LoadSharing& sharing) noexcept {
+PerLimb<Wrench> shared(const CycleView& now, const Grips& grips, LoadSharing& sharing, double torque_share) noexcept {
   if (now.plan->point_feet) return balanced_on_feet(now);
   const PerLimb<Bearer> bearing = grips.bearers(now, now.reference);
   const Matrix3& rotation_WB = now.body_W.rotation;
   PerLimb<Capacity> capacities;
-  for (int l = 0; l < kLimbs; ++l)
+  for (int l = 0; l < kLimbs; ++l) {
     capacities[l] = now.limbs[l].capacity(grips.known_contact(now, l), rotation_WB, now.plan->gravity_W_m_s2);
+    capacities[l].max_torque_Nm *= torque_share;
+  }
   return sharing.within_limits(balanced(now, bearing), bearing, capacities, now.com_W_m, rotation_WB,
                                now.robot.control);
 }

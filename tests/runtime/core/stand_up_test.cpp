@@ -6,6 +6,7 @@
 
 #include "core/robot/inverse_kinematics.hpp"
 #include "core/robot/node_protocol.hpp"
+#include "core/stand_up.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {
@@ -19,6 +20,7 @@ constexpr int kStandUpCycles = 2000;
 
 class StandingUp : public testing::Test {
  protected:
+  explicit StandingUp(const RobotDescription& climbs = robot()) : run_(sample_plan(), climbs) {}
   void SetUp() override {
     ASSERT_TRUE(run_.until(SupervisorState::kReady, 20));
     run_.steps(1000);
@@ -84,7 +86,19 @@ class StandingUp : public testing::Test {
   double off_plan_m() const { return (plan_W_m_ - Vector3(run_.result.state.body_position_w_m)).norm(); }
 
   Vector3 plan_W_m_ = Vector3::Zero();  ///< where the body was as it sank
-  Climber run_{sample_plan()};
+  Climber run_;
+};
+
+RobotDescription weak_robot() {
+  RobotDescription weak = robot();
+  weak.limbs[2].joints[1].effort_Nm = 6.8;
+  return weak;
+}
+
+/// A joint would need all its torque where the robot hangs, if the others did not take over.
+class WeaklyStandingUp : public StandingUp {
+ protected:
+  WeaklyStandingUp() : StandingUp(weak_robot()) {}
 };
 
 TEST_F(StandingUp, FromWhereItHangsSlowlyAndThenGoesOn) {
@@ -156,6 +170,27 @@ TEST_F(StandingUp, StopsWhereAJointBearsNoMoreAndSaysSo) {
   EXPECT_EQ(run_.core.state(), SupervisorState::kHolding);
   run_.steps(kStandUpCycles);
   EXPECT_FALSE(stands_up()) << "goes on once it can";
+}
+
+TEST_F(WeaklyStandingUp, OthersTakeOverFromAJointThatBearsNoMore) {
+  cut_power(kSilentCycles);
+  ASSERT_TRUE(run_.until(SupervisorState::kHolding, 1000));
+  for (int i = 0; i < 300 + kStandUpCycles && (i < 300 || stands_up()); ++i) run_.step();
+  EXPECT_FALSE(stands_up());
+  EXPECT_NE(run_.result.state.fault_code, static_cast<int>(FaultCode::kStandsNoFurther));
+}
+
+TEST(StandUp, GoesOnAsLongAsALimbComesNoFurtherFromWhereItShouldBe) {
+  StandUp rise;
+  rise.begin({Matrix3::Identity(), {0.0, 0.0, 0.1}}, {Matrix3::Identity(), {0.0, 0.0, 0.2}});
+  EXPECT_TRUE(rise.follows(1, 0.008)) << "further than it may be, but as it was";
+  EXPECT_TRUE(rise.follows(1, 0.004));
+  EXPECT_TRUE(rise.follows(1, 0.0043));
+  EXPECT_FALSE(rise.follows(1, 0.008)) << "further than it was";
+  EXPECT_TRUE(rise.follows(1, 0.003));
+  EXPECT_TRUE(rise.follows(2, 0.0)) << "of another limb";
+  EXPECT_TRUE(rise.follows(2, 0.0015));
+  EXPECT_FALSE(rise.follows(2, 0.0025));
 }
 
 TEST_F(StandingUp, ALimbWithoutPowerIsNamed) {
