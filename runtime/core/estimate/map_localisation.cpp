@@ -89,9 +89,11 @@ void MapLocalisation::take(const Vector6& direction, double value, double sigma)
   const Vector6 spread = covariance_ * direction;
   const double variance = direction.dot(spread) + sigma * sigma;
   const double farthest = kFarthest * std::sqrt(variance);
-  const double innovation = std::clamp(value - direction.dot(pending_), -farthest, farthest);
-  pending_ += spread * (innovation / variance);
-  covariance_ -= spread * spread.transpose() / variance;
+  const double innovation = value - direction.dot(pending_), counted = std::clamp(innovation, -farthest, farthest);
+  pending_ += spread * (counted / variance);
+  // What counts for less than it says makes the estimate surer by as much less.
+  const double share = innovation == counted ? 1.0 : counted / innovation;
+  covariance_ -= spread * spread.transpose() * (share / variance);
 }
 
 Pose MapLocalisation::correction(const Vector3& body_W_m, double dt_s) noexcept {

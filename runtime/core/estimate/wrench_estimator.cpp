@@ -19,8 +19,11 @@ const Wrench& WrenchEstimator::update(const Wrench& raw_G, const Matrix3& rotati
 void WrenchEstimator::tare(const Matrix3& rotation_WG, double dt_s) noexcept {
   const double gain = dt_s / tare_time_constant_s_;
   tared_s_ += dt_s;
-  bias_G_.force_N += gain * (rotation_WG.transpose() * filtered_W_.force_N);
-  bias_G_.moment_Nm += gain * (rotation_WG.transpose() * filtered_W_.moment_Nm);
+  const auto learn = [gain](Vector3& bias, const Vector3& felt, double most) {
+    bias = (bias + gain * felt).cwiseMax(-most).cwiseMin(most);
+  };
+  learn(bias_G_.force_N, rotation_WG.transpose() * filtered_W_.force_N, most_bias_N_);
+  learn(bias_G_.moment_Nm, rotation_WG.transpose() * filtered_W_.moment_Nm, most_bias_Nm_);
 }
 
 }  // namespace crux

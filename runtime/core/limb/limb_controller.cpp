@@ -35,7 +35,7 @@ LimbController::LimbController(const RobotDescription& robot, int limb)
       joints_(robot.limbs[limb].joints),
       kinematics_(robot.limbs[limb]),
       inverse_(robot.limbs[limb], kinematics_),
-      wrench_(robot.limbs[limb], robot.control.force_filter_s, robot.control.tare_time_constant_s),
+      wrench_(robot.limbs[limb], robot.force_torque, robot.control),
       encoders_(robot, limb),
       shaking_(robot, limb),
       admittance_(robot.admittance),

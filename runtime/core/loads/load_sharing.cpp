@@ -25,12 +25,16 @@ constexpr double kLeastLoad = 1e-3;
 constexpr double kPadPrice = 1e4, kJointPrice = 1e3;
 constexpr double kArm_m = 0.05;  // weighs moments against forces, and how far torques are exceeded
 constexpr double kNoLimit = 1e6;
-constexpr double kTolerance = 1e-4;  // [N]
+constexpr double kLeastOnPad_N = 1.0;  // a cone is no sharper than where a pad bears that
+constexpr double kTolerance = 1e-4;    // [N]
 constexpr int kMaxIterations = 25;
-constexpr double kStep = 0.05;  // towards what the planes say: they hold near where they touch
-constexpr int kEvery = 2;       // cycles; the answer stands in between
+constexpr double kStep = 0.05;   // towards what the planes say: they hold near where they touch
+constexpr int kEvery = 2;        // cycles; the answer stands in between
+constexpr double kFaded = 0.01;  // [N] of a limb's force, and of its moment over kArm_m: the rest is dropped
+constexpr int kPatience = 10;    // answers in a row that the solver does not find, before the last one fades
 
 using PadMap = Eigen::Matrix<double, 3, kWrench>;
+using WrenchMatrix = Eigen::Matrix<double, kWrench, kWrench>;
 
 /// What one pad bears along its face and, as a force, about its normal: z = map·(F, M), |z| ≤ μ·squeeze by (2).
 PadMap pad_map(const Vector3& axis_W, double side, const Contact& contact) {
@@ -42,6 +46,13 @@ PadMap pad_map(const Vector3& axis_W, double side, const Contact& contact) {
   map.row(1) << 0.5 * v.transpose(), couple_1_m * axis_W.cross(v).transpose();
   map.row(2) << Vector3::Zero().transpose(), 0.5 / contact.patch_k_m * axis_W.transpose();
   return map;
+}
+
+/// Second derivative of |z| by (F, M) where z is `at_N`: what a tangent plane leaves out.
+WrenchMatrix curvature(const PadMap& map, const Vector3& at_N) {
+  const Vector3 normal = at_N.normalized();
+  const Matrix3 across = Matrix3::Identity() - normal * normal.transpose();
+  return map.transpose() * across * map / std::max(at_N.norm(), kLeastOnPad_N);
 }
 
 Vector6 stacked(const Wrench& wrench) {
@@ -72,6 +83,7 @@ struct LoadSharing::Program {
 
   Eigen::Matrix<double, kVariables, kVariables> price = decltype(price)::Identity();
   Answer linear_price = kPadPrice * Answer::Unit(kPadExcess) + kJointPrice * Answer::Unit(kJointExcess);
+  Eigen::Matrix<double, kRows, 1> multipliers = decltype(multipliers)::Zero();  ///< of the limits, at the last solution
   Eigen::Matrix<double, 6, kVariables> balance = decltype(balance)::Zero();
   Eigen::Matrix<double, kRows, kVariables> limits = decltype(limits)::Zero();
   Eigen::Matrix<double, kRows, 1> upper = decltype(upper)::Constant(kNoLimit);
@@ -79,6 +91,8 @@ struct LoadSharing::Program {
 
   Answer answer = Answer::Zero();
   int cycle = 0;
+  int in_vain = 0;  ///< times in a row that the solver found no answer
+  std::int64_t failures = 0;
 
   Program();
   Vector6 change(int limb) const { return answer.segment<kWrench>(limb * kWrench); }
@@ -88,6 +102,11 @@ struct LoadSharing::Program {
   void limit_joints(int limb, const Bearer& bearer, const Capacity& capacity, const Wrench& balanced_W,
                     const Matrix3& rotation_WB) noexcept;
   void solve() noexcept;
+  /// The change goes on, towards none.
+  void fade() noexcept { answer *= 1.0 - kStep; }
+  bool faded() const noexcept;
+  /// The change without net force or moment on the limbs that bear now, none on the others.
+  void rebalance(const PerLimb<Bearer>& bearers, const Vector3& com_W_m, double twist_length_m) noexcept;
 };
 
 LoadSharing::Program::Program() {
@@ -104,6 +123,8 @@ LoadSharing::Program::Program() {
 void LoadSharing::Program::weigh(int limb, const Bearer& bearer, const Vector3& com_W_m) noexcept {
   const int at = limb * kWrench;
   const double weight = 1.0 / std::max(bearer.load, kLeastLoad);
+  price.block<kWrench, kWrench>(at, at).setZero();
+  linear_price.segment<kWrench>(at).setZero();
   price.diagonal().segment<3>(at).setConstant(weight);
   price.diagonal().segment<3>(at + 3).setConstant(weight / (kArm_m * kArm_m));
   balance.middleCols<kWrench>(at).setZero();
@@ -117,19 +138,27 @@ void LoadSharing::Program::limit_pads(int limb, const Bearer& bearer, const Wren
                                       const ControlParameters& control) noexcept {
   const double slope = control.grasp_force_factor / contact.friction;
   const double balanced_normal_N = balanced_W.force_N.dot(bearer.finger_axis_W);
+  const int at = limb * kWrench;
   for (int pad = 0; pad < kPads; ++pad) {
     const double side = pad == 0 ? 1.0 : -1.0;
     const PadMap map = pad_map(bearer.finger_axis_W, side, contact);
     const Vector3 balanced_N = map * stacked(balanced_W);
     const std::array<Vector3, kPlanes> at_N = {balanced_N, balanced_N + map * change(limb)};
+    const int first = (limb * kPads + pad) * kPlanes;
+    const double multiplier = multipliers.segment<kPlanes>(first).sum();
+    if (bearer.load > 0.0 && multiplier > 0.0) {
+      const WrenchMatrix bent = multiplier * slope * curvature(map, at_N.back());
+      price.block<kWrench, kWrench>(at, at) += bent;
+      linear_price.segment<kWrench>(at) -= bent * change(limb);
+    }
     for (int plane = 0; plane < kPlanes; ++plane) {
-      const int row = (limb * kPads + pad) * kPlanes + plane;
+      const int row = first + plane;
       limits.row(row).setZero();
       upper[row] = kNoLimit;
       if (bearer.load <= 0.0) continue;
       const Vector3 normal = at_N[plane].normalized();
-      limits.row(row).segment<kWrench>(limb * kWrench) = slope * normal.transpose() * map;
-      limits.row(row).segment<3>(limb * kWrench) -= 0.5 * side * bearer.finger_axis_W.transpose();
+      limits.row(row).segment<kWrench>(at) = slope * normal.transpose() * map;
+      limits.row(row).segment<3>(at) -= 0.5 * side * bearer.finger_axis_W.transpose();
       limits(row, kPadExcess) = -1.0;
       upper[row] = contact.max_normal_N - control.grasp_force_reserve_N - slope * normal.dot(balanced_N) +
                    0.5 * side * balanced_normal_N;
@@ -157,14 +186,42 @@ void LoadSharing::Program::limit_joints(int limb, const Bearer& bearer, const Ca
 }
 
 void LoadSharing::Program::solve() noexcept {
-  if (!limits.allFinite() || !upper.allFinite()) return;  // the solver would say so on standard error
-  solver.update(price, piqp::nullopt, balance, piqp::nullopt, limits, piqp::nullopt, upper);
-  if (solver.solve() == piqp::PIQP_SOLVED && solver.result().x.allFinite())
+  bool solved = limits.allFinite() && upper.allFinite();  // of others the solver would tell on standard error
+  if (solved) {
+    solver.update(price, linear_price, balance, piqp::nullopt, limits, piqp::nullopt, upper);
+    solved = solver.solve() == piqp::PIQP_SOLVED && solver.result().x.allFinite();
+  }
+  if (solved) {
     answer += kStep * (solver.result().x - answer);
+    multipliers = solver.result().z_u;
+  }
+  failures += solved ? 0 : 1;
+  in_vain = solved ? 0 : in_vain + 1;
+  if (in_vain > kPatience) fade();
+}
+
+bool LoadSharing::Program::faded() const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    if (change(l).head<3>().norm() > kFaded || change(l).tail<3>().norm() > kFaded * kArm_m) return false;
+  }
+  return true;
+}
+
+void LoadSharing::Program::rebalance(const PerLimb<Bearer>& bearers, const Vector3& com_W_m,
+                                     double twist_length_m) noexcept {
+  PerLimb<Bearer> changes = bearers;
+  for (int l = 0; l < kLimbs; ++l) changes[l].planned_W = {change(l).head<3>(), change(l).tail<3>()};
+  const PerLimb<Wrench> balanced = balanced_wrenches(changes, com_W_m, Vector3::Zero(), twist_length_m);
+  for (int l = 0; l < kLimbs; ++l) {
+    const bool bears = bearers[l].load > 0.0;
+    answer.segment<kWrench>(l * kWrench) = bears ? stacked(balanced[l]) : Vector6(Vector6::Zero());
+  }
 }
 
 LoadSharing::LoadSharing() : program_(std::make_unique<Program>()) {}
 LoadSharing::~LoadSharing() = default;
+
+std::int64_t LoadSharing::failures() const noexcept { return program_->failures; }
 
 PerLimb<Wrench> LoadSharing::within_limits(const PerLimb<Wrench>& balanced, const PerLimb<Bearer>& bearers,
                                            const PerLimb<Capacity>& capacities, const Vector3& com_W_m,
@@ -173,17 +230,21 @@ PerLimb<Wrench> LoadSharing::within_limits(const PerLimb<Wrench>& balanced, cons
   bool within = true;
   for (int l = 0; l < kLimbs; ++l)
     within = within && !exceeds(capacities[l], bearers[l], balanced[l], rotation_WB, control);
-  if (within) {
+  if (within) p.fade();
+  if (within && p.faded()) {
     p.answer.setZero();
+    p.multipliers.setZero();
     p.cycle = 0;
     return balanced;
   }
-  for (int l = 0; l < kLimbs && p.cycle % kEvery == 0; ++l) {
+  const bool solves = !within && p.cycle++ % kEvery == 0;
+  for (int l = 0; l < kLimbs && solves; ++l) {
     p.weigh(l, bearers[l], com_W_m);
     p.limit_pads(l, bearers[l], balanced[l], capacities[l].contact, control);
     p.limit_joints(l, bearers[l], capacities[l], balanced[l], rotation_WB);
   }
-  if (p.cycle++ % kEvery == 0) p.solve();
+  if (solves) p.solve();
+  p.rebalance(bearers, com_W_m, control.twist_length_m);
   PerLimb<Wrench> shared = balanced;
   for (int l = 0; l < kLimbs; ++l) {
     if (bearers[l].load <= 0.0) continue;

@@ -34,6 +34,7 @@ struct LimbDescription {
 using CanDescription = crux_msgs::robot::Can;
 using ServoDescription = crux_msgs::robot::Servo;
 using GripperDescription = crux_msgs::robot::Gripper;
+using ForceTorqueDescription = crux_msgs::robot::ForceTorque;
 using AdmittanceParameters = crux_msgs::robot::Admittance;
 using ControlParameters = crux_msgs::robot::Control;
 using LocalisationParameters = crux_msgs::robot::Localisation;

@@ -129,7 +129,7 @@ TEST(WrenchEstimator, TakesOffTheHandsWeightInAnyPose) {
   Random random(2);
   const Vector3 gravity(-6.9, 0.0, -6.9);
   for (int i = 0; i < 20; ++i) {
-    WrenchEstimator estimator(robot().limbs[0], 0.008, 0.3);
+    WrenchEstimator estimator(robot().limbs[0], robot().force_torque, robot().control);
     const Matrix3 rotation = random.rotation(1.0);
     const Wrench contact = random.wrench(40.0, 1.0);
     const Wrench found = estimator.update(reading(contact, rotation, gravity, {}), rotation, gravity, 0.002);
@@ -139,7 +139,7 @@ TEST(WrenchEstimator, TakesOffTheHandsWeightInAnyPose) {
 }
 
 TEST(WrenchEstimator, FiltersToFirstOrder) {
-  WrenchEstimator estimator(robot().limbs[0], 0.008, 0.3);
+  WrenchEstimator estimator(robot().limbs[0], robot().force_torque, robot().control);
   const Vector3 none = Vector3::Zero();
   estimator.update({}, Matrix3::Identity(), none, 0.002);
   Wrench found;
@@ -150,7 +150,7 @@ TEST(WrenchEstimator, FiltersToFirstOrder) {
 TEST(WrenchEstimator, LearnsTheBiasInSwingAndKeepsIt) {
   const Vector3 gravity(-6.9, 0.0, -6.9);
   const Wrench bias = {{0.5, -0.8, 0.3}, {0.02, 0.01, -0.03}};
-  WrenchEstimator estimator(robot().limbs[0], 0.008, 0.3);
+  WrenchEstimator estimator(robot().limbs[0], robot().force_torque, robot().control);
   Random random(9);
   for (int i = 0; i < 3000; ++i) {  // 6 s: twenty time constants, the gripper turning
     const Matrix3 rotation = rotation_z(1e-3 * i);
@@ -163,6 +163,19 @@ TEST(WrenchEstimator, LearnsTheBiasInSwingAndKeepsIt) {
     found = estimator.update(reading(contact, Matrix3::Identity(), gravity, bias), Matrix3::Identity(), gravity, 0.002);
   EXPECT_LT((found.force_N - contact.force_N).norm(), 1e-3);
   EXPECT_LT((found.moment_Nm - contact.moment_Nm).norm(), 1e-4);
+}
+
+TEST(WrenchEstimator, TakesNoTouchForABias) {
+  const ForceTorqueDescription& sensor = robot().force_torque;
+  const Wrench touch = {{12.0, -7.0, 0.4}, {0.3, -0.2, 0.01}};  // the last of each might be a bias
+  WrenchEstimator estimator(robot().limbs[0], sensor, robot().control);
+  Wrench felt;
+  for (int i = 0; i < 3000; ++i) {
+    felt = estimator.update(touch, Matrix3::Identity(), Vector3::Zero(), 0.002);
+    estimator.tare(Matrix3::Identity(), 0.002);
+  }
+  EXPECT_LT((felt.force_N - Vector3(12.0 - 3.0 * sensor.bias_N, 3.0 * sensor.bias_N - 7.0, 0.0)).norm(), 1e-3);
+  EXPECT_LT((felt.moment_Nm - Vector3(0.3 - 3.0 * sensor.bias_Nm, 3.0 * sensor.bias_Nm - 0.2, 0.0)).norm(), 1e-4);
 }
 
 }  // namespace

@@ -117,8 +117,44 @@ TEST(LoadSharing, KeepsBalanceConesAndTorquesWhereTheBalancedWrenchesDoNot) {
     EXPECT_LT(net.moment_Nm.norm(), 0.001) << i;
     if (stance.worst_pad_N(shared) < kForceTolerance_N && stance.worst_joint_Nm(shared) < 0.01) ++solved;
     EXPECT_LE(stance.worst_pad_N(shared), std::max(stance.worst_pad_N(balanced), kForceTolerance_N)) << i;
+    // It settles, whether all limits can be kept or not.
+    const PerLimb<Wrench> settled = shared;
+    for (int cycle = 0; cycle < kCycles; ++cycle) {
+      shared = stance.shared(sharing);
+      ASSERT_LT(squared_change(settled, shared), 0.01 * 0.01) << i << " cycle " << cycle;
+    }
+    EXPECT_EQ(sharing.failures(), 0) << i;
   }
   EXPECT_GE(solved, 5);  // of those that can be solved at all
+}
+
+TEST(LoadSharing, AChangeFadesWhenTheLimitsAreKeptAgainAndIsBalancedOnTheLimbsThatAreLeft) {
+  Random random(5);
+  Stance stance(random, 0.45);
+  stance.bearers[3].load = 0.0;
+  LoadSharing sharing;
+  PerLimb<Wrench> before;
+  for (int cycle = 0; cycle < kCycles; ++cycle) before = stance.shared(sharing);
+  ASSERT_GT(squared_change(stance.balanced(), before), 1.0);
+  for (Capacity& capacity : stance.capacities) capacity.contact.friction = 2.2;
+  ASSERT_LT(stance.worst_pad_N(stance.balanced()), 0.0);
+  for (int cycle = 0; cycle < kCycles; ++cycle) {
+    const PerLimb<Wrench> shared = stance.shared(sharing);
+    for (int l = 0; l < kLimbs; ++l) ASSERT_LT((shared[l].force_N - before[l].force_N).norm(), 0.6) << cycle;
+    ASSERT_LT(unbalanced(stance, shared).force_N.norm(), 0.01) << cycle;
+    before = shared;
+  }
+  EXPECT_EQ(squared_change(stance.balanced(), before), 0.0);
+
+  for (Capacity& capacity : stance.capacities) capacity.contact.friction = 0.45;
+  for (int cycle = 0; cycle < kCycles; ++cycle) before = stance.shared(sharing);
+  stance.bearers[3].load = 1.0;
+  stance.bearers[0].load = 0.0;
+  for (int cycle = 0; cycle < 10; ++cycle) {
+    const PerLimb<Wrench> shared = stance.shared(sharing);
+    ASSERT_LT(unbalanced(stance, shared).force_N.norm(), 0.01) << cycle;
+    ASSERT_LT(unbalanced(stance, shared).moment_Nm.norm(), 0.001) << cycle;
+  }
 }
 
 TEST(LoadSharing, NoOtherWrenchesWithinTheLimitsAreNearer) {
@@ -152,8 +188,13 @@ TEST(LoadSharing, GivesTheLastGoodAnswerWhereThereIsNone) {
   for (int cycle = 0; cycle < kCycles; ++cycle) good = stance.shared(sharing);
   ASSERT_GT(squared_change(stance.balanced(), good), 1.0);
   stance.limbs[1].jacobian_B.setConstant(std::numeric_limits<double>::quiet_NaN());
-  const PerLimb<Wrench> kept = stance.shared(sharing);
+  PerLimb<Wrench> kept = stance.shared(sharing);
   EXPECT_LT(squared_change(good, kept), 1e-12);
+  EXPECT_EQ(sharing.failures(), 1);
+  // For good it is not kept: the wrenches go back to those that are balanced.
+  for (int cycle = 0; cycle < kCycles; ++cycle) kept = stance.shared(sharing);
+  EXPECT_GT(sharing.failures(), 100);
+  EXPECT_LT(squared_change(stance.balanced(), kept), 1e-6);
 }
 
 }  // namespace

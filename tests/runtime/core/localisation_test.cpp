@@ -63,6 +63,14 @@ TEST(MapLocalisation, AMisplacedHoldCountsAsThreeSigmaAtMost) {
   EXPECT_LT(far.pending().head<3>().norm(), 0.015);
 }
 
+TEST(MapLocalisation, AMisplacedHoldMakesTheEstimateHardlySurer) {
+  MapLocalisation near = begun(), farther = begun();
+  near.grasp(Vector3::Zero(), arms()[0], Vector3::UnitX(), 0.0);
+  farther.grasp(Vector3::Zero(), arms()[0], Vector3::UnitX(), 3.0);
+  const auto variance = [](const MapLocalisation& map) { return map.covariance()(0, 0); };
+  EXPECT_GT(variance(farther), 1.05 * variance(near));
+}
+
 TEST(MapLocalisation, DriftAlongTheAxisStaysBounded) {
   // Each grasp adds 0.1 mm; what is applied takes effect at the next one.
   MapLocalisation localisation = begun();
