@@ -20,21 +20,23 @@ SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"
 
 
 class SharedPlans:
-    """Plans as `crux_planner.plan` does; what it gave back for the same scenario and robot is kept in a folder that all
-    processes of the session share. Not for tests that change the planner, nor for those of what it says on the way.
+    """Plans as `unproven` does, or with the bound of the cost; what came of the same scenario and robot is kept in a
+    folder that all processes of the session share. Not for tests that change the planner, nor for those of what it says
+    on the way.
     """
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
         self._folder = folder
 
-    def __call__(self, scenario: Scenario, robot: Robot) -> PlanResult:
+    def __call__(self, scenario: Scenario, robot: Robot, proven: bool = False) -> PlanResult:
         """A copy of the plan of its own for every caller."""
-        path = self._folder / hashlib.sha256(f"{robot.hash} {scenario.yaml_text}".encode()).hexdigest()
+        path = self._folder / hashlib.sha256(f"{proven} {robot.hash} {scenario.yaml_text}".encode()).hexdigest()
         with path.with_suffix(".lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not path.exists():
-                path.write_bytes(pickle.dumps(crux_planner.plan(scenario, robot)))
+                plan = crux_planner.plan if proven else unproven
+                path.write_bytes(pickle.dumps(plan(scenario, robot)))
         return cast(PlanResult, pickle.loads(path.read_bytes()))
 
     def write(self, scene: str, path: Path) -> None:

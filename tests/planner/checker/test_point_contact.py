@@ -11,10 +11,10 @@ from crux_contracts.interpolation import PlanReference
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_msgs import limb_knot_t, plan_knot_t, plan_t
-from crux_planner import plan as planned
 from crux_planner.checker import CheckReport, check_plan
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
+from shared_plans import SharedPlans
 
 from . import synthetic
 
@@ -133,7 +133,7 @@ def _momentum(model: Any, plan: plan_t, time_s: float) -> np.ndarray:
     return np.concatenate([found.linear, found.angular + np.cross(data.com[0], found.linear)])
 
 
-def test_a_foot_that_has_to_pull_while_a_leg_is_thrown_up() -> None:
+def test_a_foot_that_has_to_pull_while_a_leg_is_thrown_up(planned: SharedPlans) -> None:
     """RR's step is 12 mm higher just after it has lifted off: LF, across from it, would have to pull. By how much says
     pinocchio, in the mean over 40 ms.
     """

@@ -41,9 +41,10 @@ def test_the_message_is_complete(climb: PlanResult, robot: Robot) -> None:
     assert plan.cost == climb.cost
 
 
-def test_the_same_scenario_gives_the_same_plan(climb: PlanResult, robot: Robot) -> None:
+def test_the_same_scenario_gives_the_same_plan(robot: Robot, planned: SharedPlans) -> None:
     """Whatever is proven of its cost beside it."""
-    assert unproven(scenario(two_rows()), robot).plan.plan_id == climb.plan.plan_id
+    plans = [planned(scenario(one_move()), robot, proven=proven).plan for proven in (False, True)]
+    assert plans[0].plan_id == plans[1].plan_id
 
 
 def test_forces_carry_the_weight_at_every_knot(climb: PlanResult, robot: Robot) -> None:
