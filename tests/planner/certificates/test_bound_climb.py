@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import crux_planner
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
@@ -30,6 +29,7 @@ from crux_planner.trajectory.knot_qp import solve_knots
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from scenes import scene, wall
+from shared_plans import unproven
 
 
 def without_margin(problem: Problem) -> Problem:
@@ -99,7 +99,7 @@ def test_no_plan_that_auto_finds_costs_less(seed: int) -> None:
         moved = f"{name}, position_m: [{x + random.uniform(-0.03, 0.0):.3f}, {y + random.uniform(-0.02, 0.02):.3f}]"
         text = text.replace(f"{name}, position_m: [{x}, {y}]", moved + f", yaw_deg: {random.uniform(-15, 15):.1f}")
     scenario, robot = parse_scenario(text), load_robot("scaler")
-    result = crux_planner.plan(scenario, robot)
+    result = unproven(scenario, robot)
     assert result.cost is not None
     bound = lower_bound(replace(build_problem(scenario, robot), steps=result.steps), 1.1 * result.cost)
     assert bound is not None

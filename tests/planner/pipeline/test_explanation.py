@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import crux_planner
 import pytest
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import ScenarioError
@@ -87,7 +86,7 @@ def test_what_cannot_be_done_says_why_and_where(robot: Robot, case: tuple[Change
     wall = two_rows()
     change(wall)
     with pytest.raises(InfeasibleError, match=message) as error:
-        crux_planner.plan(scenario(wall), robot)
+        unproven(scenario(wall), robot)
     assert error.value.constraint == constraint
     if constraint in ("reach", "goal bounds"):
         assert error.value.proven
@@ -101,7 +100,7 @@ def test_weak_motors_are_named_with_the_torque_that_would_do(
     steep = scenario(one_move(slope_deg=70.0))
     motor = r"motor torque a plan is found; without, .* goes to .*: \w\w_joint\d would need [\d.]+ N m, it has [36]"
     with pytest.raises(InfeasibleError, match=motor) as error:
-        crux_planner.plan(steep, weak_robot(lambda _, effort_Nm: 0.5 * effort_Nm))
+        unproven(steep, weak_robot(lambda _, effort_Nm: 0.5 * effort_Nm))
     assert error.value.constraint == "torque"
     said: Any = error.value.to_json()["relaxed"]
     assert said["constraint"] == "torque"
@@ -117,7 +116,7 @@ def test_a_slab_in_the_way_is_named_with_the_size_that_lets_pass(robot: Robot, m
     with pytest.raises(
         InfeasibleError, match=r"with slab at \d+ % .* without, it ends where LF goes to LF-high"
     ) as error:
-        crux_planner.plan(scenario(blocked(1.0)), robot)
+        unproven(scenario(blocked(1.0)), robot)
     assert error.value.constraint == "passage"
     assert not error.value.proven
     said: Any = error.value.to_json()["relaxed"]
@@ -167,15 +166,15 @@ def test_a_start_that_cannot_be_is_the_scenarios_error(robot: Robot, case: tuple
     wall = two_rows()
     change(wall)
     with pytest.raises(ScenarioError, match=message):
-        crux_planner.plan(scenario(wall), robot)
+        unproven(scenario(wall), robot)
 
 
 def test_an_unknown_method_names_those_there_are(robot: Robot) -> None:
     with pytest.raises(ScenarioError, match=r"planner\.method: magic: expected .*auto"):
-        crux_planner.plan(scenario(two_rows()), robot, method="magic")
+        unproven(scenario(two_rows()), robot, method="magic")
 
 
 def test_a_time_limit_that_is_too_short_is_told(robot: Robot) -> None:
     with pytest.raises(InfeasibleError) as error:
-        crux_planner.plan(scenario(two_rows()), robot, time_limit_s=1e-3)
+        unproven(scenario(two_rows()), robot, time_limit_s=1e-3)
     assert error.value.constraint == "time limit"

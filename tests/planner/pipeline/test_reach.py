@@ -172,7 +172,7 @@ def test_no_wall_is_refused_for_reach_where_a_level_body_could_stand(
 ) -> None:
     monkeypatch.setattr(fallback, "plan_turning", lambda *_: None)
     with pytest.raises(InfeasibleError, match="no sequence of contacts found") as refused:
-        crux_planner.plan(parse_scenario(random_field(401)), robot)
+        unproven(parse_scenario(random_field(401)), robot)
     assert (refused.value.constraint, refused.value.proven) == ("contacts", False)
     assert PLANNED_REACH in str(refused.value)
     assert "workspace" not in str(refused.value)
