@@ -36,6 +36,7 @@ def test_signals_daemons_and_interfaces() -> None:
     assert [line.split()[0] for line in done.stdout.splitlines()] == [b"can0", b"canopen1"]
 
 
+@pytest.mark.sweep
 def test_the_hosts_own_socketcan_is_used_where_there_is_some() -> None:
     """A guest is such a host: inside it the same tool needs no kernel of ours."""
     script = "sleep 500 & ip -br link show type vcan; kill -SEGV $$"
@@ -65,6 +66,7 @@ def test_time_out_and_nothing_survives(tmp_path: Path) -> None:
     assert not mark.exists()
 
 
+@pytest.mark.sweep
 def test_containers_that_permit_no_namespaces_do(tmp_path: Path) -> None:
     mark = tmp_path / "alive"
     (tmp_path / "unshare").write_text("#!/bin/sh\nexit 1\n")

@@ -111,6 +111,7 @@ def scheduler(folder: Path) -> Iterator[tuple[str, Path]]:
         yield address, keys
 
 
+@pytest.mark.sweep
 def test_a_cluster_with_keys_is_used_by_who_has_them_alone(folder: Path, scheduler: tuple[str, Path]) -> None:
     address, keys = scheduler
     let(folder, "0")

@@ -22,6 +22,7 @@ ROBOT = load_robot("scaler")
 SLOPE = (SCENES / "walk-slope.yaml").read_text()
 
 
+@pytest.mark.sweep
 def test_a_short_wait_is_planned_and_passes_the_check() -> None:
     waiting = SLOPE.replace("[0.1, 0.0, 0.185]", "[0.0, 0.0, 0.185]").replace("steps: 40", "steps: 8")
     lines: list[str] = []

@@ -84,6 +84,7 @@ def test_a_horizon_too_short_for_what_only_the_wider_search_finds_is_named(
     assert unproven(scenario(wall(error.value.needed)), robot).check.ok
 
 
+@pytest.mark.sweep
 def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:
     result = unproven(scenario(hold_beyond_reach(40)), robot)
     assert result.check.ok

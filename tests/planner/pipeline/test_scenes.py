@@ -66,6 +66,7 @@ def test_a_wall_of_eight_holds(name: str, robot: Robot) -> None:
         assert result.plan.knots[-1].limbs[LIMB_NAMES.index(limb)].hold == scenario.hold_index(grasp.hold)
 
 
+@pytest.mark.sweep
 def test_a_field_of_holds_of_any_yaw_and_size(robot: Robot) -> None:
     scenario, result = of_scene("climb-field", robot)
     assert len(scenario.holds) > 20

@@ -15,7 +15,7 @@ from walls import scenario, two_rows
 
 KNOWN = {"friction": 0.2, "hold_position_m": 0.005, "hold_yaw_deg": 3.0, "mass_kg": 1.0, "centre_of_mass_m": 0.02}
 SPINES = (5.0, 5.0, 0.05)  # N, N, N m of a finger, as walls.py has them
-DRAWS = 60
+DRAWS = 20
 BETWEEN_N = 0.3  # the check looks between the knots, where the body is a little further
 
 

@@ -69,6 +69,7 @@ def test_the_gap_is_about_plans_of_as_many_steps(wall: PlanResult, robot: Robot)
     assert wall.to_json()["steps"] == wall.steps
 
 
+@pytest.mark.sweep
 def test_more_time_makes_no_longer_plan(robot: Robot, planned: SharedPlans) -> None:
     some, more = planned(scenario(two_rows()), robot), unproven(scenario(two_rows(steps=80)), robot)
     assert some.check.ok
