@@ -8,7 +8,7 @@ ARCHITECTURES ?= amd64 arm64
 BIN := .venv/bin
 SHELL_FILES = '*'
 CPP_FILES = '*.c' '*.h' '*.cpp' '*.hpp'
-TIDY_FILES = 'msgs/*.c' 'runtime/*.cpp' 'tools/sim/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/service/*.c' 'firmware/update/*.c' 'tools/sim/boards/*.c' 'firmware/ports/host/*.c'
+TIDY_FILES = 'msgs/*.c' 'planner/native/*.cpp' 'runtime/*.cpp' 'tools/sim/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/service/*.c' 'firmware/update/*.c' 'tools/sim/boards/*.c' 'firmware/ports/host/*.c'
 
 .PHONY: help setup setup-programs setup-packages extras configure-programs configure-development configure-sanitized build programs packages try-machines can-kernel climb test test-native test-sanitized test-python test-sweeps lint format docs sbom benchmarks bench firmware fuzz lock clean anew
 

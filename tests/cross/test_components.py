@@ -20,8 +20,13 @@ CAN_TABLE = "tools/crux_tools/can/command.py"  # of what `crux can` does: there 
 COMMAND_LINE = {"crux_tools.arguments", "crux_tools.can", "crux_tools.errors", "crux_tools.output"}
 TABLE = "tools/crux_tools/cli.py"  # of commands: there alone the simulation is named by what an operator installs
 PUBLIC = re.compile(r"crux_planner(\.(cli|errors|method_report|checker(\.\w+)*))?")
-LAYERS = ["errors", "model", "solvers", "physics", "swing", "search", "trajectory", "admm", "certificates", "pipeline"]
-LAYERS += ["method_report", "__init__", "cli"]  # each uses only those before it, from "pipeline" on the checker too
+LAYERS = ["errors", "model", "reach", "solvers", "physics", "swing", "search", "trajectory", "admm", "certificates"]
+LAYERS += [
+    "pipeline",
+    "method_report",
+    "__init__",
+    "cli",
+]  # each uses only those before it; from "pipeline", the checker
 FOLDERS = {"core": set(), "bus": {"core"}, "exchange": {"core", "bus"}, "lcm": {"core", "bus", "exchange"}}
 FOLDERS |= {"telemetry": {"core", "exchange"}, "app": {"core", "bus", "exchange", "lcm", "telemetry"}}
 ROOMS = ["robot", "plan", "estimate", "loads", "limb", "grips", "supervise"]  # of the control core, in order

@@ -1,0 +1,122 @@
+"""ctypes binding of libcrux_reach.so: the inner map of arm.py, compiled (planner/native/reach.h says more)."""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import POINTER, c_double, c_int64, c_uint8
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from crux_contracts.robot import Limb
+
+from crux_planner.model.arrays import Array, Flags
+from crux_planner.reach.poses import GripperPoses
+from crux_planner.reach.sector import Sector
+from crux_planner.reach.solids import Solids
+
+LIBRARY = Path(__file__).resolve().parents[3] / "build" / "cmake" / "planner" / "libcrux_reach.so"
+AXES = 6  # of poses
+
+
+class _Sector(ctypes.Structure):
+    """crux_reach_sector."""
+
+    _fields_ = [(name, c_double) for name in ("cos_middle", "sin_middle", "cos_half")]
+
+
+class _Box(ctypes.Structure):
+    """crux_reach_box."""
+
+    _fields_ = [("centre_m", c_double * 3), ("rotation", c_double * 9), ("half_m", c_double * 3)]
+
+
+class _Capsule(ctypes.Structure):
+    """crux_reach_capsule."""
+
+    _fields_ = [("start_m", c_double * 3), ("end_m", c_double * 3), ("radius_m", c_double), ("frame", c_int64)]
+
+
+class Arm(ctypes.Structure):
+    """crux_reach_arm: it keeps its arrays alive."""
+
+    _fields_ = [
+        ("shoulder_m", c_double * 3),
+        *((name, c_double) for name in ("upper_m", "lower_m", "wrist_to_gripper_m", "least_radius_m")),
+        *((name, c_double * 2) for name in ("cos_elbow", "sin_roll")),
+        *((name, _Sector) for name in ("azimuth", "upper", "pitch")),
+        ("clear_m", c_double),
+        ("trunk", POINTER(_Box)),
+        ("links", POINTER(_Capsule)),
+        *((name, c_int64) for name in ("boxes", "capsules")),
+    ]
+
+
+class _Poses(ctypes.Structure):
+    """crux_reach_poses."""
+
+    _fields_ = [("values", POINTER(c_double) * 12), ("strides", (c_int64 * AXES) * 12), ("shape", c_int64 * AXES)]
+
+
+@cache
+def library() -> ctypes.CDLL | None:
+    """None where it has not been built: numpy gives the same answers."""
+    if not LIBRARY.exists():
+        return None
+    loaded = ctypes.CDLL(str(LIBRARY))
+    loaded.crux_reach.restype = None
+    loaded.crux_reach.argtypes = [POINTER(Arm), POINTER(_Poses), POINTER(c_uint8)]
+    return loaded
+
+
+def arm(
+    limb: Limb,
+    least_radius_m: float,
+    cos_elbow: tuple[float, float],
+    sin_roll: tuple[float, float],
+    sectors: tuple[Sector, Sector, Sector],
+    keep_off: Solids,
+    clear_m: float,
+) -> Arm:
+    """A limb with least and most of two joints and the sectors of azimuth, joint 2 and joint 4."""
+    boxes = [_Box(_numbers(b.centre_m), _numbers(b.rotation), _numbers(b.half_m)) for b in keep_off.trunk]
+    capsules = [_Capsule(_numbers(c.start_m), _numbers(c.end_m), c.radius_m, c.frame) for c in keep_off.links]
+    return Arm(
+        _numbers(limb.shoulder_b_m),
+        *(limb.upper_link_m, limb.lower_link_m, limb.wrist_to_gripper_m, least_radius_m),
+        *(_numbers(np.array(each)) for each in (cos_elbow, sin_roll)),
+        *(_sector(each) for each in sectors),
+        clear_m,
+        (_Box * len(boxes))(*boxes),
+        (_Capsule * len(capsules))(*capsules),
+        len(boxes),
+        len(capsules),
+    )
+
+
+def reaches(compiled: ctypes.CDLL, limb: Arm, poses: GripperPoses, side: Sector) -> Flags:
+    """Which poses, of up to six axes, are reached; `side` is the sector of joint 6 for their yaws."""
+    shape = poses.shape
+    x, y, z, yaw, roll, pitch = (np.asarray(each, dtype=float) for each in poses.arrays)
+    turns = [turn for angle in (roll, pitch, yaw) for turn in (np.cos(angle), np.sin(angle))]
+    inputs = [x, y, z, *turns, *(np.asarray(each) for each in (side.cos_middle, side.sin_middle, side.cos_half))]
+    whole = (1,) * (AXES - len(shape)) + shape
+    given = _Poses()
+    given.shape[:] = whole
+    kept = [np.broadcast_to(each, whole) for each in inputs]  # views: an array is not copied along axes it lacks
+    for index, each in enumerate(kept):
+        given.values[index] = ctypes.cast(each.ctypes.data, POINTER(c_double))
+        given.strides[index][:] = [stride // each.itemsize for stride in each.strides]
+    found = np.empty(whole, dtype=np.bool_)
+    compiled.crux_reach(limb, given, found.ctypes.data_as(POINTER(c_uint8)))
+    return found.reshape(shape)
+
+
+def _sector(sector: Sector) -> _Sector:
+    return _Sector(*(float(each) for each in (sector.cos_middle, sector.sin_middle, sector.cos_half)))
+
+
+def _numbers(values: Array) -> Any:
+    flat = np.asarray(values, dtype=float).reshape(-1)
+    return (c_double * len(flat))(*flat)

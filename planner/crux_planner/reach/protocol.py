@@ -1,0 +1,36 @@
+"""What a limb's reach answers, whatever its joints are.
+
+`crux_planner.reach.arm.ArmReach` answers in closed form, for limbs that yaw, pitch and pitch, with a spherical wrist.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from crux_planner.model.arrays import Array, Flags
+from crux_planner.reach.poses import GripperPoses
+from crux_planner.reach.solids import Links
+
+
+class Reach(Protocol):
+    """One limb of one robot."""
+
+    def reaches(self, poses: GripperPoses) -> Flags:
+        """Inner map, of the poses' shape: joints stay off their limits by a margin, links off the trunk by a clearance.
+
+        True is certain. False may be a pose that the limb reaches with less margin.
+        """
+
+    def angles(self, poses: GripperPoses) -> Array:
+        """Joint angles (..., J) [rad] of grippers that are reached, those of a stretched limb elsewhere.
+
+        They do not jump between poses: no joint is wrapped.
+        """
+
+    def cannot(self, low: GripperPoses, high: GripperPoses) -> Flags:
+        """Outer map: True where no pose between `low` and `high` can be had within the joint limits, links off the
+        trunk. That is certain. False may be a box of which no pose is reached, the more so the larger it is.
+        """
+
+    def links(self, poses: GripperPoses) -> Links:
+        """Where the links are at poses (n,) that are reached."""

@@ -1,0 +1,167 @@
+"""Shapes of trunk and links, from the robot's URDF: the trunk as boxes, the links of a limb as capsules.
+
+A cylinder counts as the capsule whose ends touch its faces, as in the check: only the rims are missing. Of other shapes
+there are two versions: `around` has all of the shape, for what must keep off; `inside` is all in the shape, for proofs.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+
+import numpy as np
+from crux_contracts.robot import Limb, Robot
+from crux_contracts.urdf import link_shapes
+
+from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+
+UPPER, FOREARM, ROLLED, TILTED, HAND, SHOULDER = range(6)
+"""Frames of capsules: links 2, 3, 4 and 5 as in the URDF; the gripper's, for all behind joint 6; link 1."""
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A ball swept along a segment, in one of the frames above."""
+
+    frame: int
+    start_m: Array
+    end_m: Array
+    radius_m: float
+
+
+@dataclass(frozen=True)
+class Box:
+    """A cuboid of the trunk in the body frame."""
+
+    centre_m: Array
+    rotation: Array
+    half_m: Array
+
+
+@dataclass(frozen=True)
+class Solids:
+    """The trunk, and a limb's links that may meet it; the first, which turns on it, may meet other limbs alone."""
+
+    trunk: tuple[Box, ...]
+    links: tuple[Capsule, ...]
+    first: tuple[Capsule, ...] = ()
+
+
+NOTHING = Solids((), ())
+
+
+def solids(robot: Robot, limb: Limb, *, around: bool) -> Solids:
+    """Of a robot and one of its limbs, `around` the shapes or inside them; fingers are as wide open as they go."""
+    links = {str(link.get("name")): link for link in ET.parse(robot.urdf_path).getroot().iter("link")}
+    trunk = tuple(_box(shape, around) for shape in link_shapes(links[robot.body_link]))
+    capsules: list[Capsule] = []
+    for frame, joint in zip((SHOULDER, UPPER, FOREARM, ROLLED, TILTED), limb.joints[:5], strict=True):
+        shapes = link_shapes(links[joint.child])
+        capsules += [_capsule(shape, frame, around, np.eye(3), np.zeros(3)) for shape in shapes]
+    back, down = rotation_z(-limb.gripper_mount_rad), np.array([0.0, 0.0, limb.wrist_to_gripper_m])
+    hand = [(limb.joints[5].child, back, down), (limb.gripper_link, np.eye(3), np.zeros(3))]
+    for name in limb.finger_joints:
+        slide = robot.urdf.joints[name]
+        turn = rotation_from_rpy(np.array(slide.rpy_rad))
+        hand.append((slide.child, turn, np.array(slide.xyz_m) + turn @ np.array(slide.axis) * slide.upper))
+    for link, turn, place in hand:
+        capsules += [_capsule(shape, HAND, around, turn, place) for shape in link_shapes(links[link])]
+    first = tuple(capsule for capsule in capsules if capsule.frame == SHOULDER)
+    return Solids(trunk, tuple(capsules[len(first) :]), first)
+
+
+@dataclass(frozen=True)
+class Links:
+    """The links of a limb at n poses as P capsules in the body frame: ends (n, P, 3), (n, P, 3) and radii (P,) [m]."""
+
+    start_m: Array
+    end_m: Array
+    radius_m: Array
+
+
+def gap_m(trunk: tuple[Box, ...], start_m: Array, end_m: Array) -> Array:
+    """Distance (n,) from segments, start (n, 3) to end (n, 3) in the body frame, to the trunk; 0 where they meet."""
+    found = np.full(len(start_m), np.inf)
+    for box in trunk:
+        start, end = (start_m - box.centre_m) @ box.rotation, (end_m - box.centre_m) @ box.rotation
+        np.minimum(found, _to_box(start, end, box.half_m), out=found)
+    return found
+
+
+def apart(box: Box, start_m: Array, end_m: Array, by_m: Array) -> Flags:
+    """(n,) where one face of the box alone shows that segments are `by_m` (n,) off it: quick, and mostly enough."""
+    start, end = (start_m - box.centre_m) @ box.rotation, (end_m - box.centre_m) @ box.rotation
+    beyond = np.maximum(np.minimum(start, end), -np.maximum(start, end)) - box.half_m
+    return np.asarray(beyond.max(axis=1) >= by_m)
+
+
+def _to_box(start: Array, end: Array, half: Array) -> Array:
+    """Distance (n,) of segments to the box |x| <= half. Along a segment the square of a point's distance is convex and
+    its slope linear between the places where the segment crosses the planes of the faces.
+    """
+    way = end - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossings = np.concatenate([(-half - start) / way, (half - start) / way], axis=1)
+    places = np.clip(np.nan_to_num(crossings, nan=0.0, posinf=1.0, neginf=0.0), 0.0, 1.0)
+    places = np.sort(np.concatenate([places, np.zeros((len(start), 1)), np.ones((len(start), 1))], axis=1), axis=1)
+    point = start[:, None] + places[..., None] * way[:, None]
+    slope = ((point - np.clip(point, -half, half)) * way[:, None]).sum(axis=2)  # grows along the segment
+    last = np.maximum((slope <= 0.0).sum(axis=1) - 1, 0)
+    after = np.minimum(last + 1, places.shape[1] - 1)
+    rows = np.arange(len(start))
+    falls, climbs = slope[rows, last], slope[rows, after]
+    share = np.where((falls < 0.0) & (climbs > falls), -falls / np.where(climbs > falls, climbs - falls, 1.0), 0.0)
+    share = np.minimum(share, 1.0)
+    best = places[rows, last] + share * (places[rows, after] - places[rows, last])
+    nearest = start + best[:, None] * way
+    return np.asarray(np.linalg.norm(nearest - np.clip(nearest, -half, half), axis=1))
+
+
+def _capsule(shape: ET.Element, frame: int, around: bool, turn: Array, place: Array) -> Capsule:
+    """Of a shape in a frame that is turned and placed so in the capsule's."""
+    centre, rotation = _origin(shape)
+    centre, rotation = place + turn @ centre, turn @ rotation
+    kind, sizes = _sizes(shape)
+    if kind == "box":
+        half = sizes / 2
+        axis, others = int(np.argmax(half)), np.delete(half, int(np.argmax(half)))
+        radius = float(np.linalg.norm(others) if around else others.min())
+        along = float(half[axis] if around else half[axis] - radius)
+        way = rotation[:, axis] * along
+    else:
+        radius = float(sizes[0])
+        length = 0.0 if kind == "sphere" else float(sizes[1])
+        way = rotation[:, 2] * max(length / 2 - (radius if kind == "cylinder" else 0.0), 0.0)
+    return Capsule(frame, centre - way, centre + way, radius)
+
+
+def _box(shape: ET.Element, around: bool) -> Box:
+    """Of a shape of the trunk."""
+    centre, rotation = _origin(shape)
+    kind, sizes = _sizes(shape)
+    if kind == "box":
+        return Box(centre, rotation, sizes / 2)
+    radius, round_axes = float(sizes[0]), 3 if kind == "sphere" else 2
+    half = np.full(3, radius if around else radius / round_axes**0.5)
+    if kind != "sphere":
+        half[2] = sizes[1] / 2 + (radius if around and kind == "capsule" else 0.0)
+    return Box(centre, rotation, half)
+
+
+def _origin(shape: ET.Element) -> tuple[Array, Array]:
+    """Place (3,) and rotation (3, 3) of a shape in its link."""
+    origin = shape.find("origin")
+    xyz, rpy = ("0 0 0" if origin is None else origin.get(key, "0 0 0") for key in ("xyz", "rpy"))
+    return np.array(xyz.split(), dtype=float), rotation_from_rpy(np.array(rpy.split(), dtype=float))
+
+
+def _sizes(shape: ET.Element) -> tuple[str, Array]:
+    """Kind of a shape, and a box's edges or a round one's radius and length. The description's reader knows it is one
+    of these.
+    """
+    geometry = shape.find("geometry")
+    assert geometry is not None
+    solid = geometry[0]
+    keys = ("size",) if solid.tag == "box" else ("radius", "length")
+    return solid.tag, np.array(" ".join(solid.get(key, "") for key in keys).split(), dtype=float)

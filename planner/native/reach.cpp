@@ -1,0 +1,248 @@
+#include "reach.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+namespace {
+
+constexpr std::size_t kBlock = 64;
+
+using Vector = std::array<double, 3>;
+using Column = std::array<double, kBlock>;
+
+enum Input { X, Y, Z, CosRoll, SinRoll, CosPitch, SinPitch, CosYaw, SinYaw, SideCos, SideSin, SideHalf };
+
+/// Some poses in a row, and what of the limb's posture its links are placed by.
+struct Block {
+  std::array<Column, CRUX_REACH_INPUTS> in;
+  Column cos_azimuth, sin_azimuth, cos_upper, sin_upper, cos_forearm, sin_forearm;
+  Column slack;  ///< of the limit that is nearest or most exceeded, each by its own measure
+};
+
+struct Frame {
+  Vector origin, x, y, z;
+};
+
+Vector operator+(const Vector& a, const Vector& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
+Vector operator-(const Vector& a, const Vector& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+Vector operator*(double s, const Vector& a) { return {s * a[0], s * a[1], s * a[2]}; }
+
+Vector cross(const Vector& a, const Vector& b) {
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+
+Vector vector(const double* v) { return {v[0], v[1], v[2]}; }
+
+/// Not negative where the vector (x, y) of this length is in the sector: a difference has the sign of the comparison.
+double inside(const crux_reach_sector& sector, double x, double y, double length) {
+  return sector.cos_middle * x + sector.sin_middle * y - sector.cos_half * length;
+}
+
+double least(double a, double b) { return a < b ? a : b; }
+
+/// Joint limits, for all poses of a block: no branches, so that the loop becomes vectors.
+void within_limits(const crux_reach_arm& arm, Block& block, std::size_t count) {
+  const double l1 = arm.upper_m;
+  const double l2 = arm.lower_m;
+  const double squares = l1 * l1 + l2 * l2;
+  const double product = 2 * l1 * l2;
+  for (std::size_t i = 0; i < count; ++i) {
+    const double cr = block.in[CosRoll][i];
+    const double sr = block.in[SinRoll][i];
+    const double cp = block.in[CosPitch][i];
+    const double sp = block.in[SinPitch][i];
+    const double across = block.in[Y][i];
+    const double high = block.in[Z][i] + arm.wrist_to_gripper_m;
+    const double above = sp * block.in[X][i] + cp * high;
+    const double x = cp * block.in[X][i] - sp * high - arm.shoulder_m[0];
+    const double y = cr * across + sr * above - arm.shoulder_m[1];
+    const double h = cr * above - sr * across - arm.shoulder_m[2];
+    const double squared = x * x + y * y;
+    const double radius = std::sqrt(squared);
+    const double ca = x / std::max(radius, 1e-9);
+    const double sa = y / std::max(radius, 1e-9);
+    const double c3 = (squared + h * h - squares) / product;
+    const double s3 = std::sqrt(std::max(1.0 - c3 * c3, 0.0));
+    const double far = std::max(squared + h * h, 1e-12);
+    const double c2 = (radius * (l1 + l2 * c3) - h * (l2 * s3)) / far;
+    const double s2 = (h * (l1 + l2 * c3) + radius * (l2 * s3)) / far;
+    const double ce = (radius * (l2 + l1 * c3) + h * (l1 * s3)) / far;
+    const double se = (h * (l2 + l1 * c3) - radius * (l1 * s3)) / far;
+    const double ux = -sp;
+    const double uy = sr * cp;
+    const double uz = cr * cp;
+    const double outward = ux * ca + uy * sa;
+    const double sin_roll = -(uy * ca - ux * sa);
+    const double c4 = uz * ce - outward * se;
+    const double s4 = outward * ce + uz * se;
+    const double east = cr * ca;
+    const double north = cp * sa - sp * sr * ca;
+    const double pitch_length = std::sqrt(outward * outward + uz * uz);
+    const double side_length = std::sqrt(east * east + north * north);
+    const crux_reach_sector last{block.in[SideCos][i], block.in[SideSin][i], block.in[SideHalf][i]};
+    const double elbow = least(c3 - arm.cos_elbow[0], arm.cos_elbow[1] - c3);
+    const double roll = least(sin_roll - arm.sin_roll[0], arm.sin_roll[1] - sin_roll);
+    const double shoulder = least(inside(arm.azimuth, ca, sa, 1.0), inside(arm.upper, c2, s2, 1.0));
+    const double wrist = least(inside(arm.pitch, c4, s4, pitch_length), inside(last, east, north, side_length));
+    block.slack[i] = least(least(radius - arm.least_radius_m, elbow), least(roll, least(shoulder, wrist)));
+    block.cos_azimuth[i] = ca;
+    block.sin_azimuth[i] = sa;
+    block.cos_upper[i] = c2;
+    block.sin_upper[i] = s2;
+    block.cos_forearm[i] = ce;
+    block.sin_forearm[i] = se;
+  }
+}
+
+/// Frames of capsules, by number.
+std::array<Frame, 5> frames(const crux_reach_arm& arm, const Block& block, std::size_t i) {
+  const double cr = block.in[CosRoll][i];
+  const double sr = block.in[SinRoll][i];
+  const double cp = block.in[CosPitch][i];
+  const double sp = block.in[SinPitch][i];
+  const auto in_body = [&](double x, double y, double z) {
+    const double above = sp * x + cp * z;
+    return Vector{cp * x - sp * z, cr * y + sr * above, cr * above - sr * y};
+  };
+  const double ca = block.cos_azimuth[i];
+  const double sa = block.sin_azimuth[i];
+  const Vector place = in_body(block.in[X][i], block.in[Y][i], block.in[Z][i]);
+  const Vector up = in_body(0.0, 0.0, 1.0);
+  const Vector along = in_body(block.in[CosYaw][i], block.in[SinYaw][i], 0.0);
+  const Vector side{-sa, ca, 0.0};
+  const Vector upper{ca * block.cos_upper[i], sa * block.cos_upper[i], block.sin_upper[i]};
+  const Vector forearm{ca * block.cos_forearm[i], sa * block.cos_forearm[i], block.sin_forearm[i]};
+  const Vector across = cross(side, up);
+  const double length = std::sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]);
+  const Vector rolled = (1.0 / std::max(length, 1e-9)) * across;
+  const Vector shoulder = vector(arm.shoulder_m);
+  const Vector wrist = place + arm.wrist_to_gripper_m * up;
+  const Vector tilted = cross(up, rolled);
+  return {{{shoulder, upper, side, cross(upper, side)},
+           {shoulder + arm.upper_m * upper, forearm, side, cross(forearm, side)},
+           {wrist, rolled, side, cross(rolled, side)},
+           {wrist, rolled, tilted, cross(rolled, tilted)},
+           {place, along, cross(up, along), up}}};
+}
+
+Vector placed(const Frame& frame, const double* point) {
+  return frame.origin + (point[0] * frame.x + (point[1] * frame.y + point[2] * frame.z));
+}
+
+Vector in_axes(const crux_reach_box& box, const Vector& point) {
+  const Vector off = point - vector(box.centre_m);
+  Vector seen{};
+  for (std::size_t a = 0; a < 3; ++a) {
+    seen[a] = off[0] * box.rotation[a] + off[1] * box.rotation[3 + a] + off[2] * box.rotation[6 + a];
+  }
+  return seen;
+}
+
+/// How a point's distance to the box |x| <= half changes along a way, times that distance.
+double slope(const Vector& point, const Vector& way, const double* half) {
+  double sum = 0.0;
+  for (std::size_t a = 0; a < 3; ++a) {
+    sum += (point[a] - std::clamp(point[a], -half[a], half[a])) * way[a];
+  }
+  return sum;
+}
+
+/// Square of the distance of a segment to the box |x| <= half: the slope along it is linear between the places where it
+/// crosses planes of faces.
+double squared_distance(const Vector& start, const Vector& way, const double* half) {
+  std::array<double, 8> places{0.0, 1.0};
+  std::size_t count = 2;
+  for (std::size_t a = 0; a < 3; ++a) {
+    for (const double face : {-half[a], half[a]}) {
+      const double at = way[a] == 0.0 ? 0.0 : (face - start[a]) / way[a];
+      if (at > 0.0 && at < 1.0) {  // in order: the first place is below all of them
+        std::size_t k = count++;
+        for (; k > 1 && places[k - 1] > at; --k) {
+          places[k] = places[k - 1];
+        }
+        places[k] = at;
+      }
+    }
+  }
+  double best = 0.0;
+  double before = slope(start, way, half);
+  for (std::size_t k = 1; k < count && before < 0.0; ++k) {
+    const double after = slope(start + places[k] * way, way, half);
+    best = after <= 0.0 ? places[k] : places[k - 1] + before / (before - after) * (places[k] - places[k - 1]);
+    before = after;
+  }
+  const Vector nearest = start + best * way;
+  double squared = 0.0;
+  for (std::size_t a = 0; a < 3; ++a) {
+    const double off = nearest[a] - std::clamp(nearest[a], -half[a], half[a]);
+    squared += off * off;
+  }
+  return squared;
+}
+
+bool keeps_off(const crux_reach_box& box, const Vector& first, const Vector& last, double by_m) {
+  const Vector start = in_axes(box, first);
+  const Vector end = in_axes(box, last);
+  for (std::size_t a = 0; a < 3; ++a) {  // one face alone shows it, mostly
+    if (std::max(std::min(start[a], end[a]), -std::max(start[a], end[a])) - box.half_m[a] >= by_m) {
+      return true;
+    }
+  }
+  return squared_distance(start, end - start, box.half_m) >= by_m * by_m;
+}
+
+bool off_trunk(const crux_reach_arm& arm, const Block& block, std::size_t i) {
+  const std::array<Frame, 5> at = frames(arm, block, i);
+  for (std::int64_t k = 0; k < arm.capsules; ++k) {
+    const crux_reach_capsule& capsule = arm.links[k];
+    const Frame& frame = at[static_cast<std::size_t>(capsule.frame)];
+    const Vector start = placed(frame, capsule.start_m);
+    const Vector end = placed(frame, capsule.end_m);
+    for (std::int64_t j = 0; j < arm.boxes; ++j) {
+      if (!keeps_off(arm.trunk[j], start, end, capsule.radius_m + arm.clear_m)) {
+        return false;
+      }
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
+void crux_reach(const crux_reach_arm* arm, const crux_reach_poses* poses, uint8_t* reached) {
+  Block block{};
+  const int64_t* shape = poses->shape;
+  const std::int64_t row = shape[CRUX_REACH_AXES - 1];
+  std::int64_t rows = 1;
+  for (std::size_t axis = 0; axis + 1 < CRUX_REACH_AXES; ++axis) {
+    rows *= shape[axis];
+  }
+  for (std::int64_t r = 0; r < rows; ++r) {
+    std::array<const double*, CRUX_REACH_INPUTS> at{};
+    std::int64_t rest = r;
+    std::copy(std::begin(poses->values), std::end(poses->values), at.begin());
+    for (std::size_t axis = CRUX_REACH_AXES - 1; axis-- > 0; rest /= shape[axis]) {
+      for (std::size_t k = 0; k < CRUX_REACH_INPUTS; ++k) {
+        at[k] += rest % shape[axis] * poses->strides[k][axis];
+      }
+    }
+    for (std::int64_t first = 0; first < row; first += static_cast<std::int64_t>(kBlock)) {
+      const auto count = static_cast<std::size_t>(std::min<std::int64_t>(row - first, kBlock));
+      for (std::size_t k = 0; k < CRUX_REACH_INPUTS; ++k) {
+        const std::int64_t stride = poses->strides[k][CRUX_REACH_AXES - 1];
+        const double* from = at[k] + first * stride;
+        for (std::size_t i = 0; i < count; ++i) {
+          block.in[k][i] = from[static_cast<std::int64_t>(i) * stride];
+        }
+      }
+      within_limits(*arm, block, count);
+      for (std::size_t i = 0; i < count; ++i) {
+        const bool ok = block.slack[i] >= 0.0 && (arm->boxes == 0 || off_trunk(*arm, block, i));
+        reached[r * row + first + static_cast<std::int64_t>(i)] = ok ? 1 : 0;
+      }
+    }
+  }
+}
