@@ -1,0 +1,56 @@
+"""Links of one limb against those of another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.reach.solids import Links
+
+_AT_ONCE = 4096  # poses, for the memory that all pairs of links take
+
+
+def apart(first: Links, second: Links, clear_m: float) -> Flags:
+    """(n,) where two limbs keep their links off each other by a clearance."""
+    found = _boxes_apart(first, second, clear_m)
+    unsure = np.flatnonzero(~found)
+    for some in np.split(unsure, range(_AT_ONCE, len(unsure), _AT_ONCE)):
+        found[some] = gap_m(first, second, some) >= clear_m
+    return found
+
+
+def gap_m(first: Links, second: Links, some: Indices | slice = slice(None)) -> Array:
+    """Least distance (m,) between links of two limbs at some of the poses, negative where they are in each other."""
+    ends = [each[some] for each in (first.start_m, first.end_m, second.start_m, second.end_m)]
+    pairs = segment_to_segment(ends[0][:, :, None], ends[1][:, :, None], ends[2][:, None], ends[3][:, None])
+    return np.asarray((pairs - first.radius_m[:, None] - second.radius_m).min(axis=(1, 2)))
+
+
+def segment_to_segment(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
+    """Distance (...) of segments a0 to a1 and b0 to b1, points (..., 3) that broadcast. A point is a segment, too."""
+    u, v, off = a1 - a0, b1 - b0, a0 - b0
+    uu, vv, uv = (u * u).sum(axis=-1), (v * v).sum(axis=-1), (u * v).sum(axis=-1)
+    uo, vo = (u * off).sum(axis=-1), (v * off).sum(axis=-1)
+    s = np.clip(_ratio(uv * vo - uo * vv, uu * vv - uv * uv), 0.0, 1.0)
+    t = np.clip(_ratio(uv * s + vo, vv), 0.0, 1.0)
+    s = np.clip(_ratio(uv * t - uo, uu), 0.0, 1.0)
+    away = off + s[..., None] * u - t[..., None] * v
+    return np.asarray(np.sqrt((away * away).sum(axis=-1)))
+
+
+def _ratio(part: Array, whole: Array) -> Array:
+    """0 where the whole is none: parallel segments, or points."""
+    some = whole > 1e-15
+    return np.asarray(np.where(some, part / np.where(some, whole, 1.0), 0.0))
+
+
+def _boxes_apart(first: Links, second: Links, clear_m: float) -> Flags:
+    """(n,) where the boxes around two limbs are apart: quick, and enough for most."""
+    (low, high), (their_low, their_high) = _corners(first), _corners(second)
+    return np.asarray((np.maximum(low - their_high, their_low - high) >= clear_m).any(axis=1))
+
+
+def _corners(links: Links) -> tuple[Array, Array]:
+    low, high = np.minimum(links.start_m, links.end_m), np.maximum(links.start_m, links.end_m)
+    radius = links.radius_m[:, None]
+    return (low - radius).min(axis=1), (high + radius).max(axis=1)

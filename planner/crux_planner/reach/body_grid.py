@@ -1,0 +1,120 @@
+"""Sets of body poses from which grippers are in reach: masks over a grid, their intersections and connected parts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy import ndimage
+
+from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.reach import between
+from crux_planner.reach.poses import GripperPoses
+from crux_planner.reach.protocol import Reach
+
+_EXACT = np.zeros(4)
+LIFT_STEP_M = 0.02  # between heights looked at of a gripper that lifts
+
+
+@dataclass(frozen=True)
+class BodyGrid:
+    """Poses of the body in W: every combination of these values, each ascending by even steps.
+
+    Masks have one axis for each, in this order.
+    """
+
+    yaw_rad: Array
+    roll_rad: Array
+    pitch_rad: Array
+    z_m: Array
+    x_m: Array
+    y_m: Array
+
+    @property
+    def axes(self) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Values along each axis of a mask."""
+        return self.yaw_rad, self.roll_rad, self.pitch_rad, self.z_m, self.x_m, self.y_m
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of a mask."""
+        return tuple(len(axis) for axis in self.axes)
+
+    def pose(self, cell: Sequence[int]) -> tuple[Array, Array]:
+        """Place (3,) [m] and roll, pitch and yaw (3,) of the body at a cell."""
+        yaw, roll, pitch, z, x, y = (axis[i] for axis, i in zip(self.axes, cell, strict=True))
+        return np.array([x, y, z]), np.array([roll, pitch, yaw])
+
+    def seen(self, gripper_w: Array) -> GripperPoses:
+        """A gripper (4,) in W, x, y, z [m] and yaw, as the body has it at every cell."""
+        yaw, roll, pitch, z, x, y = np.ix_(*self.axes)
+        c, s = np.cos(yaw), np.sin(yaw)
+        east, north = gripper_w[0] - x, gripper_w[1] - y
+        return GripperPoses(
+            c * east + s * north, c * north - s * east, gripper_w[2] - z, gripper_w[3] - yaw, roll, pitch
+        )
+
+    def boxes(self, gripper_w: Array, slack: Array = _EXACT) -> tuple[GripperPoses, GripperPoses]:
+        """Lowest and highest of `seen` over whole cells: bodies up to half a step off a cell's middle along each axis,
+        grippers up to `slack` (4,) off theirs.
+
+        Neighbouring cells meet, so what none of them reaches, nothing between them does. An axis of one value has no
+        extent.
+        """
+        half = [(axis[-1] - axis[0]) / (2 * max(len(axis) - 1, 1)) for axis in self.axes]
+        turn, roll, pitch, up, along, across = half
+        along, across, up = along + slack[0], across + slack[1], up + slack[2]
+        middle = self.seen(gripper_w)
+        c, s = np.abs(np.cos(self.yaw_rad)), np.abs(np.sin(self.yaw_rad))
+        wide_x, wide_y = (
+            each.reshape(-1, 1, 1, 1, 1, 1) for each in (c * along + s * across, c * across + s * along)
+        )  # of the cell's rectangle, turned by the middle yaw
+        far_x, far_y = np.abs(middle.x_m) + wide_x, np.abs(middle.y_m) + wide_y
+        off_x = wide_x + np.sin(turn) * far_y + (1.0 - np.cos(turn)) * far_x
+        off_y = wide_y + np.sin(turn) * far_x + (1.0 - np.cos(turn)) * far_y
+        off = (off_x, off_y, up, turn + slack[3], roll, pitch)
+        low = GripperPoses(*(np.asarray(each - by) for each, by in zip(middle.arrays, off, strict=True)))
+        high = GripperPoses(*(np.asarray(each + by) for each, by in zip(middle.arrays, off, strict=True)))
+        return low, high
+
+    def held(self, reach: Reach, gripper_w: Array) -> Flags:
+        """From which a limb can hold with its gripper there."""
+        return np.broadcast_to(reach.reaches(self.seen(gripper_w)), self.shape)
+
+    def lifted(self, reach: Reach, gripper_w: Array, by_m: float) -> Flags:
+        """From which it can hold there and raise its gripper straight by so much, or land from there: the way down is
+        the way up.
+        """
+        mask = np.array(self.held(reach, gripper_w))
+        for rise in np.linspace(0.0, by_m, int(np.ceil(by_m / LIFT_STEP_M)) + 1)[1:]:
+            mask &= self.held(reach, gripper_w + np.array([0.0, 0.0, rise, 0.0]))
+        return mask
+
+    def apart(self, mask: Flags, grippers_w: Mapping[int, Array], reaches: Sequence[Reach], clear_m: float) -> Flags:
+        """The part of a stance's mask in which its limbs keep off each other; grippers (4,) by limb."""
+        cells = np.flatnonzero(mask)
+        found = np.zeros(mask.shape, dtype=bool)
+        links = {limb: reaches[limb].links(self.seen(at).where(cells)) for limb, at in grippers_w.items()}
+        ok = [between.apart(links[a], links[b], clear_m) for a, b in combinations(links, 2)]
+        found.reshape(-1)[cells] = np.logical_and.reduce(ok)
+        return found
+
+    def ruled_out(self, reach: Reach, gripper_w: Array, slack: Array = _EXACT) -> Flags:
+        """Cells of which no pose lets the limb hold there, or up to `slack` (4,) off, for certain."""
+        return np.broadcast_to(reach.cannot(*self.boxes(gripper_w, slack)), self.shape)
+
+
+def stance(masks: Sequence[Flags]) -> Flags:
+    """Poses from which all limbs can do what their masks are about."""
+    return np.asarray(np.logical_and.reduce(masks), dtype=bool)
+
+
+def parts(mask: Flags) -> tuple[Indices, int]:
+    """Connected parts of a set of poses: for every cell the number of its part, 0 outside; and how many there are.
+
+    Cells next to each other along one axis are connected.
+    """
+    labels, count = ndimage.label(mask)
+    return np.asarray(labels, dtype=int), int(count)

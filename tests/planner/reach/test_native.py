@@ -1,0 +1,41 @@
+"""The compiled map says what the one in numpy says, for every layout of arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from crux_contracts.robot import Robot
+from crux_planner.reach import native
+from crux_planner.reach.arm import reaches_of
+from crux_planner.reach.body_grid import BodyGrid
+from crux_planner.reach.poses import GripperPoses
+
+
+@pytest.mark.parametrize("limb", range(4))
+def test_random_poses(robot: Robot, limb: int) -> None:
+    random, reach = np.random.default_rng(limb), reaches_of(robot)[limb]
+    assert native.library() is not None
+    place = robot.limbs[limb].shoulder_b_m + random.uniform(-0.4, 0.4, (20_000, 3))
+    angles = random.uniform(-1.0, 1.0, (3, len(place))) * np.array([[3.0], [0.4], [0.4]])
+    poses = GripperPoses(*place.T, *angles)  # places lie across, angles along
+    found = reach.reaches(poses)
+    assert 0.05 < found.mean() < 0.95
+    np.testing.assert_array_equal(found, reach.reaches_by_numpy(poses))
+    backwards = GripperPoses(*(each[::-1] for each in poses.arrays))
+    np.testing.assert_array_equal(reach.reaches(backwards), found[::-1])
+
+
+def test_grids_and_single_poses(robot: Robot) -> None:
+    steps = np.arange(-0.5, 0.5, 0.013)
+    grid = BodyGrid(steps[::15], np.array([-0.1, 0.1]), np.zeros(1), np.array([0.17, 0.2]), steps, steps[:-7])
+    gripper = np.array([0.05, -0.1, 0.04, 0.3])
+    for reach in reaches_of(robot):
+        poses = grid.seen(gripper)
+        found = reach.reaches(poses)
+        assert found.any()
+        np.testing.assert_array_equal(found, np.broadcast_to(reach.reaches_by_numpy(poses), grid.shape))
+        place, rpy = grid.pose(np.argwhere(found)[0])
+        one = BodyGrid(*(np.array([each]) for each in (rpy[2], rpy[0], rpy[1], place[2], place[0], place[1])))
+        single = GripperPoses(*(each.reshape(()) for each in one.seen(gripper).arrays))
+        assert reach.reaches(single).shape == ()
+        assert reach.reaches(single)
