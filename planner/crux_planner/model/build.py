@@ -42,6 +42,7 @@ MOST_FRICTION = 0.929  # share of (2) that a disc under even pressure bears what
 EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face's edge
 TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
 LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has the last word
+SLIPPERY = "no robot can hold on there: a face without friction takes no spines either"
 
 
 def build_problem(
@@ -182,6 +183,9 @@ def _contacts(
                 spans = f"{2 * shape.smallest_opening:g}..{2 * slack:g} m"
                 unusable[index, pair] = f"it is {2 * half:g} m wide, the gripper takes {spans}"
                 continue
+            if any(hold.friction[face] <= 0.0 and not _spines(scenario, hold, face)[0] for face in _faces(pair)):
+                unusable[index, pair] = SLIPPERY
+                continue
             middle = np.array([*cuboids.foot_h_m[index], height])
             normal = cuboids.yaw_rad[index] + pair * np.pi / 2
             axis = np.array([np.cos(normal), np.sin(normal), 0.0])
@@ -199,7 +203,8 @@ def _contacts(
             if not contacts or (contacts[-1].hold, contacts[-1].pair) != (index, pair):
                 unusable[index, pair] = f"its neighbours leave the fingers no space to open ({limits.clearance_m:g} m)"
     fingers = sorted(set(contact.spines_only.values()))
-    return contacts + [replace(c, spines_only=finger) for finger in fingers for c in contacts], unusable
+    by_spines = (replace(c, spines_only=finger) for finger in fingers for c in contacts)
+    return contacts + [c for c in by_spines if not c.slippery], unusable
 
 
 def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
@@ -224,8 +229,7 @@ def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
 def _contact(
     scenario: Scenario, hold: Hold, index: int, pair: int, swapped: bool, yaw: float, centre: Array, opening: float
 ) -> Contact:
-    faces = [2 * pair + int(swapped), 2 * pair + int(not swapped)]  # of fingers 1 and 2
-    shear_N, twist_Nm = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
+    faces = _faces(pair)[:: -1 if swapped else 1]  # of fingers 1 and 2
     return Contact(
         hold=index,
         pair=pair,
@@ -234,9 +238,20 @@ def _contact(
         centre_h_m=centre,
         separation_m=hold.size_m[pair],
         friction=np.array([hold.friction[face] for face in faces]),
-        spines=np.outer([hold.spines[face] for face in faces], [shear_N, shear_N, twist_Nm]),
+        spines=np.stack([_spines(scenario, hold, face) for face in faces]),
         open_m=opening,
     )
+
+
+def _faces(pair: int) -> list[int]:
+    """Numbers of the plus and the minus face of a pair."""
+    return [2 * pair, 2 * pair + 1]
+
+
+def _spines(scenario: Scenario, hold: Hold, face: int) -> Array:
+    """(3,): most that the spines of a finger hold of (s1, s2, m) on a face."""
+    shear_N, twist_Nm = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
+    return float(hold.spines[face]) * np.array([shear_N, shear_N, twist_Nm])
 
 
 def _in_air(name: str, scenario: Scenario, heading: float, cuboids: Cuboids, shape: GripperShape) -> Contact:
@@ -267,7 +282,8 @@ def start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[t
         finger = scenario.contact.spines_only.get(limb, 0)
         found = [i for i, c in enumerate(contacts) if (c.hold, c.pair, c.spines_only) == (hold, pair, finger)]
         if not found:
-            raise wrong(scenario, f"start.grasps.{limb}", f"{grasp.hold}, faces {grasp.faces}", unusable[hold, pair])
+            why = unusable.get((hold, pair), SLIPPERY)
+            raise wrong(scenario, f"start.grasps.{limb}", f"{grasp.hold}, faces {grasp.faces}", why)
         found = [i for i in found if grasp.finger1 in (None, FACE_NAMES[contacts[i].finger1_face])]
         if not found:
             beyond = "expected the other face: with this one the gripper would be turned beyond its range"
@@ -281,10 +297,11 @@ def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int
     for limb, grasp in scenario.goal.grasps.items():
         key = (scenario.hold_index(grasp.hold), PAIR_NAMES.index(grasp.faces))
         if key in unusable:
+            spanned = {(g.contact.hold, g.contact.pair) for g in all_grips(scenario, robot, 0.0)}
             raise InfeasibleError(
                 "goal grasp",
                 f"goal.grasps.{limb}: {grasp.hold} cannot be gripped by faces {grasp.faces}: {unusable[key]}",
-                proven=key not in {(g.contact.hold, g.contact.pair) for g in all_grips(scenario, robot, 0.0)},
+                proven=key not in spanned or unusable[key] == SLIPPERY,
             )
         wanted[LIMB_NAMES.index(limb)] = key
     return wanted

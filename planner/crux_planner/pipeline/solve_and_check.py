@@ -14,7 +14,6 @@ from crux_planner.errors import HorizonError, InfeasibleError, unsolved
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
 from crux_planner.physics.cost import plan_cost
-from crux_planner.physics.speed_limits import foreseen
 from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.refusals import CUTS, TooFast, eased, nearer, slowed
@@ -78,17 +77,7 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
     with work.part("mip", 0.35):
         bounded = work.bound is not None  # where there is no time for a bound, as a robot waits, there is none for this
         others = look_at_others(costs, timed, climb.session.deadline) if timed is not None and bounded else None
-    stances = [held for move in moves for held in (move.before, move.held, move.after)]
-    slow = foreseen(as_given.contacts, as_given.weight_N, as_given.dt_s, stances)
-    problem = replace(as_given, speed_limits={**slow, **as_given.speed_limits})
     failures: list[InfeasibleError] = []
-
-    def as_unforeseen(choice: _Choice, failure: InfeasibleError) -> _Choice | None:
-        same = choice.problem.speed_limits == as_given.speed_limits
-        if not isinstance(failure, HorizonError) or same or failures[1:]:
-            return None
-        failures.clear()  # the check may forgive what was foreseen
-        return replace(choice, problem=as_given, timed=None)
 
     def slower(choice: _Choice, failure: InfeasibleError) -> _Choice | None:
         if not isinstance(failure, TooFast):
@@ -113,11 +102,11 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
     def made(choice: _Choice) -> PlanResult | InfeasibleError:
         return _schedule_and_finish(climb.of(choice.problem), choice.timed, moves, choice.spare)
 
-    first = _Choice(problem, timed, spare=None if climb.session.scenario.planner.idle == "keep" else SPARE_KNOTS[0])
+    first = _Choice(as_given, timed, spare=None if climb.session.scenario.planner.idle == "keep" else SPARE_KNOTS[0])
     if others is not None and others.found:
         first = replace(first, timed=others.timed, by_mip=True)
     most = SLOWINGS + (timed is not None) + first.by_mip + (0 if first.spare is None else len(SPARE_KNOTS))
-    remedies = (as_searched, as_unforeseen, slower, untimed, roomier)
+    remedies = (as_searched, slower, untimed, roomier)
     result, made_of = attempts(first, made, remedies, failures, most=most, until=climb.session.deadline)
     if result is not None:
         result.others = None if others is None else replace(others, found=made_of.by_mip)

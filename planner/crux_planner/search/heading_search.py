@@ -19,9 +19,8 @@ from scipy.sparse.csgraph import dijkstra
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem
-from crux_planner.model.schedule import Contacts, Move, Stance, stance_after
+from crux_planner.model.schedule import Move, Stance, stance_after
 from crux_planner.physics.reachable_set import ReachableSet
-from crux_planner.physics.speed_limits import steady_speed
 from crux_planner.search.equilibrium import clipped
 from crux_planner.search.schedule import TURN_SHARE
 from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, SearchReport
@@ -71,7 +70,6 @@ class HeadingSearch:
         torque_limits = TorqueLimits(problem, problem.friction_share, problem.last_torques_Nm)
         self.views = [_view(problem, reach, torque_limits, number * step) for number in numbers]
         self.begin, self.end = SPARE_HEADINGS, SPARE_HEADINGS + count
-        self._speeds: dict[Contacts, float] = {}
         self.turn_knots = abs(step) / (TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s)
         self.centres = np.stack([c.centre_h_m for c in problem.contacts])
         self.holds = np.array([c.hold for c in problem.contacts])
@@ -202,25 +200,13 @@ class HeadingSearch:
         lift_off = view.equilibrium.position(support, *bounds, body, before)
         if lift_off is None:
             return None
-        held = tuple(None if other == limb else c for other, c in enumerate(before))
-        slow = self._speed_m_s(held)
-        near = wanted if np.isinf(slow) else clipped(lift_off, *landing)
-        touch_down = view.equilibrium.position(support, *landing, near, stance)
+        touch_down = view.equilibrium.position(support, *landing, wanted, stance)
         if touch_down is None:
             return None
         extra = self.swings.intervals(before[limb], stance[limb]) + STANCE_KNOTS + MOVE_COST
         cost += max(0.0, extra - float(self.least_cost[before[limb], stance[limb]]))
-        for way, speed in ((lift_off - body, self._speed_m_s(before)), (touch_down - lift_off, slow)):
-            cost += float(np.abs(way).max()) / (speed * self.problem.dt_s)  # knots, where the body must be slow
         move = Move(before, stance, (limb,), view.to_h(lift_off), view.to_h(touch_down), view.yaw_rad)
         return move, cost
-
-    def _speed_m_s(self, held: Contacts) -> float:
-        """Largest body speed on grips that carry no shear, infinite on others."""
-        if held not in self._speeds:
-            problem = self.problem
-            self._speeds[held] = steady_speed(problem.contacts, problem.weight_N, problem.dt_s, held)
-        return self._speeds[held]
 
     def _ends_well(self, state: State) -> bool:
         """Whether the goal's body pose is in reach and in balance."""

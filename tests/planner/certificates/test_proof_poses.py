@@ -85,7 +85,7 @@ def test_grasps_in_the_boxes_of_some_pose_at_the_goal_are_not_denied(
     assert GoalPoses(problem).lacking(grips) <= 0.0
 
 
-@pytest.mark.parametrize("seed", [241, 236])
+@pytest.mark.parametrize("seed", [241, 287])
 def test_a_goal_that_no_single_pose_reaches_is_denied_as_sampling_denies_it(seed: int) -> None:
     """Bounds of each limb alone let these pass; of many poses at the goal none has all four in reach."""
     read = parse_scenario(random_field(seed))

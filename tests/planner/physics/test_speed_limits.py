@@ -1,4 +1,4 @@
-"""Bodies slow enough that what they do between the knots stays within the limit surface."""
+"""Bodies slow enough for the limit surface between the knots, and grasps that bear nothing."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot
+from crux_contracts.scenario import ScenarioError
 from crux_planner.checker import CheckReport, Violation
 from crux_planner.model.build import build_problem
-from crux_planner.physics.speed_limits import speeds, steady_speed
+from crux_planner.physics.speed_limits import speeds
 from crux_planner.pipeline.refusals import BETWEEN_KNOTS, slowed
-from shared_plans import unproven
 from walls import scenario, two_rows
 
 
@@ -55,31 +55,20 @@ def slippery_wall() -> dict[str, Any]:
     return wall
 
 
-def test_how_slow_is_foreseen_from_the_least_forces_that_make_up_for_the_way(robot: Robot) -> None:
-    problem = build_problem(scenario(slippery_wall()), robot)
-    contacts, start = problem.contacts, problem.start_contacts
-    held = (None, *start[1:])
-    speed = steady_speed(contacts, problem.weight_N, problem.dt_s, held)
-    way = speed * problem.dt_s
-    grips = [contacts[c] for c in start[1:]]
-    places = np.stack([g.centre_h_m for g in grips])
-    axis, most = grips[1].axis, 0.0  # of LR
-    for turn in np.linspace(0.0, np.pi, 181):
-        for lift in np.linspace(-np.pi / 2, np.pi / 2, 91):
-            ahead = way * np.array([np.cos(turn) * np.cos(lift), np.sin(turn) * np.cos(lift), np.sin(lift)])
-            grasp = np.vstack(
-                [np.hstack([np.eye(3)] * 3), np.hstack([np.cross(np.eye(3), -p).T for p in places])]
-            )  # forces of the three grips -> their sum and moment
-            lacking = np.concatenate([np.zeros(3), np.cross(problem.weight_N, ahead)])
-            forces, *_ = np.linalg.lstsq(grasp, lacking, rcond=None)
-            force = forces.reshape(3, 3)[1]
-            most = max(most, float(np.linalg.norm(force - axis * (axis @ force))) / 2)
-    assert most == pytest.approx(0.3, rel=2e-3)
-    assert steady_speed(contacts, problem.weight_N, problem.dt_s, (*start[:2], None, start[3])) == np.inf
+@pytest.mark.parametrize("spines", [False, True])
+def test_a_start_that_no_robot_can_hold_is_refused(robot: Robot, spines: bool) -> None:
+    wall = slippery_wall()
+    for part in wall["holds"]:
+        part["spines"] = dict.fromkeys(("+x", "-x"), spines)
+    if spines:
+        assert build_problem(scenario(wall), robot).start_contacts
+        return
+    with pytest.raises(ScenarioError, match=r"start\.grasps\.LR.*no robot can hold on there: a face without friction"):
+        build_problem(scenario(wall), robot)
 
 
-def test_a_body_on_a_gripper_that_carries_no_shear_moves_slowly(robot: Robot) -> None:
-    result = unproven(scenario(slippery_wall()), robot)
-    assert result.check.ok
-    positions = np.array([knot.body_position_w_m for knot in result.plan.knots])
-    assert np.abs(np.diff(positions, axis=0)).max() < 0.01
+def test_nobody_goes_to_faces_that_carry_nothing(robot: Robot) -> None:
+    wall = slippery_wall()
+    wall["start"]["grasps"]["LR"]["faces"] = "y"
+    problem = build_problem(scenario(wall), robot)
+    assert {c.pair for c in problem.contacts if c.hold == 2} == {1}

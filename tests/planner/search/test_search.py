@@ -36,7 +36,7 @@ def problem_of(slope_deg: float = 45.0, max_normal_N: float = 60.0, hanging: int
     random = np.random.default_rng(unlike)
     for part in wall["holds"] if unlike else []:
         part["friction"] = {face: float(random.uniform(0.0, 1.5)) for face in ("+x", "-x", "+y", "-y", "top")}
-        part["spines"] = {face: bool(random.integers(2)) for face in ("+x", "-x", "+y", "-y", "top")}
+        part["spines"] = {face: bool(random.integers(2)) or hanging > 0 for face in ("+x", "-x", "+y", "-y", "top")}
     return build_problem(scenario(wall), load_robot("scaler"))
 
 
