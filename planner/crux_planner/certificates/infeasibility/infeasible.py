@@ -12,6 +12,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.certificates.infeasibility.connection import AIR, Connection, Grips, clashes, largest_gap
+from crux_planner.certificates.infeasibility.goal_map import GoalMap
 from crux_planner.certificates.infeasibility.poses import GoalPoses
 from crux_planner.certificates.infeasibility.relaxed import RelaxedBalance, RelaxedReach, near_goal
 from crux_planner.errors import InfeasibleError, LevelGoalError
@@ -34,6 +35,7 @@ class Proof:
         self.number = {(g.contact.hold, g.contact.pair): i for i, g in enumerate(grips)}
         self.hold = [g.contact.hold for g in grips]
         self.goal_poses = GoalPoses(near_goal(problem))
+        self.goal_map = GoalMap(problem, robot, grips)
         wrists = [grip.raised(problem.boxes.above_m) for grip in grips]
         self.reach, self.equilibrium = RelaxedReach(problem, wrists), RelaxedBalance(problem, grips)
         contacts = [problem.contacts[c] for c in problem.start_contacts]
@@ -74,7 +76,16 @@ class Proof:
             if near:
                 text += f" at once: short by {1000 * self.goal_poses.shortage(near, self.reach.grips):.1f} mm"
             return InfeasibleError("reach", text, proven=True)
-        return None
+        near, self.goals = self.goals, self.goal_map.possible(self.goals)
+        return None if self.goals else self._blocked(near)
+
+    def _blocked(self, near: list[Grips]) -> InfeasibleError:
+        """No body pose at the goal has the limbs on any of these stances within joint limits and off the trunk."""
+        stuck = [LIMB_NAMES[limb] for limb in self.goal_map.stuck(near)]
+        who = f"{' and '.join(stuck)} hold" if stuck else "all limbs hold at once"
+        at = point_text(self.problem, self.problem.goal.body.position_m)
+        text = f"no pose of the body at the goal {at} lets {who}: joint limits, or links that would be in the trunk"
+        return InfeasibleError("reach", text, proven=True)
 
     def goal_equilibrium(self, programs: int, deadline: float) -> InfeasibleError | None:
         """No stance at the goal in equilibrium, with all limbs or some in the air the knot before."""

@@ -1,0 +1,59 @@
+"""Which stances a body at the goal may hold, by the outer maps of the limbs: joint limits as they are, links off the
+trunk.
+
+The goal's tolerances are covered by boxes of poses. A stance is ruled out where in every box one of its limbs cannot
+have its gripper anywhere on the grip.
+"""
+
+import numpy as np
+from crux_contracts.robot import Robot
+
+from crux_planner.certificates.infeasibility.connection import Grips
+from crux_planner.certificates.infeasibility.poses import TOLERANCE_M, TOLERANCE_RAD
+from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.contacts import Grip
+from crux_planner.model.problem import Problem
+from crux_planner.reach.arm import reaches_of
+from crux_planner.reach.body_grid import BodyGrid
+
+_PLACES, _ANGLES = (2, 4, 4), (4, 3, 3)  # boxes along z, x and y; along yaw, roll and pitch
+_BENT = 1.1  # factor of angles of one rotation as roll, pitch and yaw, for the tilts that a goal may have
+
+
+class GoalMap:
+    """Of one problem; limbs' masks over the boxes, each made once."""
+
+    def __init__(self, problem: Problem, robot: Robot, grips: list[Grip]) -> None:
+        goal = problem.goal
+        off_m, off_rad = goal.tolerance_m + TOLERANCE_M, _BENT * goal.tolerance_rad + TOLERANCE_RAD
+        (x, y, z), (roll, pitch, yaw) = goal.body.position_m, goal.body.rpy_rad
+        angles = [_middles(at, off_rad, n) for at, n in zip((yaw, roll, pitch), _ANGLES, strict=True)]
+        self._grid = BodyGrid(*angles, *(_middles(at, off_m, n) for at, n in zip((z, x, y), _PLACES, strict=True)))
+        self._reaches, self._grips = reaches_of(robot), grips
+        self._masks: dict[tuple[int, int], Flags] = {}
+
+    def possible(self, stances: list[Grips]) -> list[Grips]:
+        """Those that are not ruled out."""
+        return [each for each in stances if np.logical_and.reduce([self._may(*pair) for pair in enumerate(each)]).any()]
+
+    def stuck(self, stances: list[Grips]) -> list[int]:
+        """The limbs that none of the stances' grips is in reach of."""
+        return [limb for limb in range(4) if not any(self._may(limb, each[limb]).any() for each in stances)]
+
+    def _may(self, limb: int, number: int) -> Flags:
+        """Boxes in which a limb may hold, with its fingers either way round."""
+        if (limb, number) not in self._masks:
+            grip = self._grips[number]
+            contact, (low, high) = grip.contact, grip.height_m
+            slack = np.append(np.abs(contact.tangent[:2]) * grip.aside_m, [(high - low) / 2, 0.0])
+            ruled_out = np.ones(self._grid.shape, dtype=bool)
+            for yaw in (contact.yaw_rad, contact.yaw_rad + np.pi):
+                at = np.array([*contact.centre_h_m[:2], (low + high) / 2, yaw])
+                ruled_out &= self._grid.ruled_out(self._reaches[limb], at, slack)
+            self._masks[limb, number] = ~ruled_out
+        return self._masks[limb, number]
+
+
+def _middles(at: float, off: float, count: int) -> Array:
+    """Of so many intervals that cover what is up to `off` from a number."""
+    return at + off * (2 * np.arange(count) + 1 - count) / count
