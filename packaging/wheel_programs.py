@@ -53,7 +53,7 @@ class ProgramsHook(BuildHookInterface[Any]):
             )
         stage = root / "build" / "wheel"
         shutil.rmtree(stage, ignore_errors=True)
-        for component in ("runtime", "sim"):
+        for component in ("runtime", "planner", "sim"):
             install = ["cmake", "--install", f"{root}/build/cmake", "--prefix", str(stage), "--strip"]
             subprocess.run([*install, "--component", component], check=True, stdout=subprocess.DEVNULL)
         programs = [stage / "bin" / "crux-runtime", *(stage / "lib" / "crux").iterdir()]

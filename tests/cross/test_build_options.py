@@ -44,7 +44,14 @@ def test_without_options_only_the_programs_are_built(tmp_path: Path) -> None:
     done = configure(tmp_path / "programs")
     assert done.returncode == 0, done.stderr
     found = targets(tmp_path / "programs")
-    assert {"crux_programs", "crux-runtime", "crux-recompute", "libcrux_sim.so", "libcrux_nodes.so"} <= found
+    assert {
+        "crux_programs",
+        "crux-runtime",
+        "crux-recompute",
+        "libcrux_reach.so",
+        "libcrux_sim.so",
+        "libcrux_nodes.so",
+    } <= found
     assert not found & {"crux_images", "crux_firmware", "libcrux_emulated.so", "msgs_test", "core_tests"}
     assert "CCACHE_DEPEND" not in compiles(tmp_path / "programs")
     assert "-Werror" not in compiles(tmp_path / "programs")

@@ -15,7 +15,12 @@ from packaging.utils import canonicalize_name
 
 LINKED, STATIC, IMAGES, USER, DEVELOPMENT, DOCS, COPIED = range(1, 8)  # the tables of NOTICE
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-PROGRAMS = ("runtime/app/crux-runtime", "runtime/app/crux-recompute", "firmware/libcrux_nodes.so")
+PROGRAMS = (
+    "runtime/app/crux-runtime",
+    "runtime/app/crux-recompute",
+    "firmware/libcrux_nodes.so",
+    "planner/libcrux_reach.so",
+)
 INSTALLED = ("operator.lock", "simulation.lock", "campaign.lock", "development.lock", "uv.lock.txt")
 LOADED = """
 import importlib, pathlib, pkgutil

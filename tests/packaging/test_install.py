@@ -28,7 +28,7 @@ def run(*words: str | Path, status: int = 0) -> str:
 
 
 def install_programs(prefix: Path) -> None:
-    for component in ("runtime", "sim"):
+    for component in ("runtime", "planner", "sim"):
         run("cmake", "--install", ROOT / "build" / "cmake", "--prefix", prefix, "--strip", "--component", component)
 
 
@@ -66,7 +66,9 @@ def test_installed_programs_run_where_they_are_moved_and_tell_no_place(tmp_path:
     install_programs(tmp_path / "first")
     prefix = (tmp_path / "first").rename(tmp_path / "second")
     files = [path for path in prefix.rglob("*") if path.is_file()]
-    assert {"crux-runtime", "crux-recompute", "libcrux_sim.so", "liblcm.so.1"} <= {path.name for path in files}
+    assert {"crux-runtime", "crux-recompute", "libcrux_reach.so", "libcrux_sim.so", "liblcm.so.1"} <= {
+        path.name for path in files
+    }
     places = (ROOT, ROOT.resolve(), Path.home(), Path("/tmp"))
     told = re.compile("|".join(re.escape(f"{place}/") for place in places).encode())
     assert [(path.name, told.findall(path.read_bytes())) for path in files if told.search(path.read_bytes())] == []

@@ -11,6 +11,7 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.schedule import Move, Stance
 from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.attempt import attempts
+from crux_planner.pipeline.by_map import plan_by_map
 from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
 from crux_planner.pipeline.fallback import disproved, farther, plan_wider, without_blamed
@@ -66,8 +67,8 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
 
 
 def _plan_anyhow(climb: Climb) -> PlanResult:
-    """A level body, with limbs in their boxes or in all of their inner reach, then with other headings; where the level
-    search takes long, other headings before it goes on.
+    """A level body, with limbs in their boxes, with all of their reach, by map, or in a larger convex piece of it; then
+    tilted goals and grasps off the middle; where the level search takes long, these before it goes on.
     """
     work = climb.work
     try:
@@ -75,6 +76,8 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     except InfeasibleError as none_near:
         none_level = none_near
     proof = disproved(climb, none_level)
+    if (by_map := plan_by_map(climb)) is not None:
+        return _with_gap(climb, by_map)
     climb = farther(climb)
     if none_level.constraint != TIME_LIMIT:  # a search that takes long in the boxes takes longer beyond them
         try:

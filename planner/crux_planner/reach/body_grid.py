@@ -92,13 +92,20 @@ class BodyGrid:
             mask &= self.held(reach, gripper_w + np.array([0.0, 0.0, rise, 0.0]))
         return mask
 
-    def apart(self, mask: Flags, grippers_w: Mapping[int, Array], reaches: Sequence[Reach], clear_m: float) -> Flags:
-        """The part of a stance's mask in which its limbs keep off each other; grippers (4,) by limb."""
+    def apart(
+        self,
+        mask: Flags,
+        grippers_w: Mapping[int, Array],
+        reaches: Sequence[Reach],
+        clear_m: float,
+        moving: Sequence[int] = (0, 1, 2, 3),
+    ) -> Flags:
+        """The part of a stance's mask in which `moving` limbs keep off all others; grippers (4,) by limb."""
         cells = np.flatnonzero(mask)
         found = np.zeros(mask.shape, dtype=bool)
         links = {limb: reaches[limb].links(self.seen(at).where(cells)) for limb, at in grippers_w.items()}
-        ok = [between.apart(links[a], links[b], clear_m) for a, b in combinations(links, 2)]
-        found.reshape(-1)[cells] = np.logical_and.reduce(ok)
+        pairs = [pair for pair in combinations(links, 2) if not set(moving).isdisjoint(pair)]
+        found.reshape(-1)[cells] = np.logical_and.reduce([between.apart(links[a], links[b], clear_m) for a, b in pairs])
         return found
 
     def ruled_out(self, reach: Reach, gripper_w: Array, slack: Array = _EXACT) -> Flags:
@@ -116,5 +123,5 @@ def parts(mask: Flags) -> tuple[Indices, int]:
 
     Cells next to each other along one axis are connected.
     """
-    labels, count = ndimage.label(mask)
-    return np.asarray(labels, dtype=int), int(count)
+    labels, count = ndimage.label(mask.squeeze())  # every axis costs time
+    return np.asarray(labels, dtype=int).reshape(mask.shape), int(count)

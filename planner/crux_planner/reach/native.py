@@ -16,7 +16,13 @@ from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.sector import Sector
 from crux_planner.reach.solids import Solids
 
-LIBRARY = Path(__file__).resolve().parents[3] / "build" / "cmake" / "planner" / "libcrux_reach.so"
+NAME = "libcrux_reach.so"
+_PACKAGES = Path(__file__).resolve().parents[2]
+PLACES = (
+    _PACKAGES.parent / "build" / "cmake" / "planner" / NAME,  # of a checkout
+    _PACKAGES / "crux_tools" / "programs" / NAME,  # of the wheel
+    _PACKAGES.parent / NAME,  # of the Debian package
+)
 AXES = 6  # of poses
 
 
@@ -62,9 +68,10 @@ class _Poses(ctypes.Structure):
 @cache
 def library() -> ctypes.CDLL | None:
     """None where it has not been built: numpy gives the same answers."""
-    if not LIBRARY.exists():
+    found = next((place for place in PLACES if place.exists()), None)
+    if found is None:
         return None
-    loaded = ctypes.CDLL(str(LIBRARY))
+    loaded = ctypes.CDLL(str(found))
     loaded.crux_reach.restype = None
     loaded.crux_reach.argtypes = [POINTER(Arm), POINTER(_Poses), POINTER(c_uint8)]
     return loaded

@@ -13,7 +13,7 @@ import numpy as np
 from crux_contracts.robot import Limb, Robot
 from crux_contracts.urdf import link_shapes
 
-from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 
 UPPER, FOREARM, ROLLED, TILTED, HAND, SHOULDER = range(6)
@@ -78,6 +78,10 @@ class Links:
     start_m: Array
     end_m: Array
     radius_m: Array
+
+    def where(self, index: Indices) -> Links:
+        """At some of the poses."""
+        return Links(self.start_m[index], self.end_m[index], self.radius_m)
 
 
 def gap_m(trunk: tuple[Box, ...], start_m: Array, end_m: Array) -> Array:

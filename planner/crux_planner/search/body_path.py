@@ -81,7 +81,6 @@ class BodyPath:
 
 def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedule) -> BodyPath | None:
     """The best quasi-static path over the knots of a schedule, None where there is none."""
-    qp = SparseQp()
     reserve = min(problem.reach_reserve_m, problem.reach_reserve_m / 2)
     if schedule.yaw_rad is None:
         shape, to_h = between(problem, reserve), rotation_z(np.zeros(len(schedule.poses)))
@@ -104,9 +103,26 @@ def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedu
     high[-1, :3] = np.minimum(high[-1, :3], last @ to_h[-1] + slack)
     if (low > high).any():
         return None
-    path: list[Indices] = []
+    return _best_between(problem, equilibrium, schedule, low, high, to_h)
+
+
+def path_about(
+    problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedule, poses: Array, half_m: float
+) -> BodyPath | None:
+    """The best quasi-static path within `half_m` along x and y of poses (N + 1, 4), x, y, z and yaw; None if none."""
+    to_h = rotation_z(poses[:, 3])
+    half = np.tile([half_m, half_m, 0.0], (len(poses), 1))
+    half[:2], half[-1] = 0.0, problem.goal.aim_m
+    along = (poses[:, None, :3] @ to_h)[:, 0]
+    return _best_between(problem, equilibrium, schedule, along - half, along + half, to_h)
+
+
+def _best_between(
+    problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedule, low: Array, high: Array, to_h: Array
+) -> BodyPath | None:
+    """A path between bounds (N + 1, m) along the directions of the reach, which `to_h` (N + 1, 3, 3) turns to H."""
+    qp, path, grips = SparseQp(), list[Indices](), list[dict[int, Indices]]()
     means = schedule.poses[..., :3].mean(axis=1)
-    grips: list[dict[int, Indices]] = []
     for k in range(problem.steps):
         on = {limb: c for limb in range(4) if (c := schedule.contacts[k][limb]) is not None}
         at = (low[k], high[k]), tuple(on.values()), means[k], to_h[k]

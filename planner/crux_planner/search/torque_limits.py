@@ -1,9 +1,9 @@
 """Balance that the motors can hold: the oracle of the search, with joint torques.
 
 For a level body at a given place the torques of a limb are linear in its gripper's wrench. Where the wrenches found
-first ask too much of a motor, a QP with torque rows looks for others, and for a better place of the body beside. Which
-limb is on a contact follows from where it is: of two on one side of the body, the front limb is on the front one; one
-with its side to itself is a front limb's where it is ahead of the body.
+first ask too much of a motor, a QP with torque rows looks for others, and for a better place of the body beside.
+`position` knows which limb is on a contact from where it is: of two on one side of the body, the front limb is on the
+front one; one with its side to itself is a front limb's where it is ahead of the body.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ import numpy as np
 from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.contacts import Contact
 from crux_planner.model.limb import NUMBERS
 from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Contacts
 from crux_planner.physics.torque import joint_torques
 from crux_planner.search.equilibrium import WRENCH, Query, StaticEquilibrium, clipped
 from crux_planner.solvers.mapped import Mapped
@@ -58,6 +60,17 @@ class TorqueLimits(StaticEquilibrium):
         """As `position`, however strong the motors would have to be: much quicker."""
         return super()._find(Query(tuple(sorted(self.bearing(support))), low, high, wanted, grippers or support))
 
+    def hold(self, held: Contacts, place: Array, grippers: tuple[int, ...]) -> bool:
+        """Whether limbs on these contacts, None in the air, hold a level body at a place; each limb is known."""
+        limbs = sorted((c, limb) for limb, c in enumerate(held) if c is not None)
+        support, on = tuple(c for c, _ in limbs), tuple(limb for _, limb in limbs)
+        query = Query(support, place, place, place, grippers)
+        if super()._find(query) is None:
+            return False
+        if self._least_norm_is_light(support, place, grippers, on):
+            return True
+        return self._solve_within(query, place, on) is not None
+
     def _find(self, query: Query) -> Array | None:
         if (key := query.key) not in self._strong:
             self._strong[key] = self._held(query)
@@ -80,36 +93,45 @@ class TorqueLimits(StaticEquilibrium):
                     return place
         return None
 
-    def _least_norm_is_light(self, support: tuple[int, ...], place: Array, grippers: tuple[int, ...]) -> bool:
+    def _least_norm_is_light(
+        self, support: tuple[int, ...], place: Array, grippers: tuple[int, ...], limbs: tuple[int, ...] | None = None
+    ) -> bool:
         """Whether the wrenches of least norm are within the limit surface and the torques."""
         if not self._least_norm_fits(support, place, grippers):
             return False
         wrench = (self._least_norm[support] @ self.right_side(place, self.mean_place(grippers))).reshape(-1, 4)
-        for (rows, still, limit), w in zip(self._torques(support, place), wrench, strict=True):
+        for (rows, still, limit), w in zip(self._torques(support, place, limbs), wrench, strict=True):
             if (np.abs(rows @ w + still) > limit).any():
                 return False
         return True
 
-    def _torques(self, support: tuple[int, ...], place: Array) -> list[tuple[Array, Array, Array]]:
+    def _torques(
+        self, support: tuple[int, ...], place: Array, limbs: tuple[int, ...] | None = None
+    ) -> list[tuple[Array, Array, Array]]:
         """(A, b, limit) of every gripper: joint torques A @ (s1, s2, m, F) + b of its limb."""
         given, limits = [], []
         contacts = [self.problem.contacts[index] for index in support]
-        away = np.array([contact.centre_h_m[:2] - place[:2] for contact in contacts])
-        for contact, at in zip(contacts, away, strict=True):
-            column = away[away[:, 1] * at[1] >= 0.0, 0]
-            side = np.where(at >= [column.mean() if len(column) > 1 else 0.0, 0.0], 1.0, -1.0)
-            limb = int(np.argmax((self._quadrant == side).all(axis=1)))
+        for contact, limb in zip(contacts, limbs or self._likely_limbs(contacts, place), strict=True):
             grip = (place, contact.centre_h_m, contact.axis, contact.tangent, self.gravity_h)
             given.append(np.concatenate([self.problem.limb_masses[limb].numbers, *grip]))
             limits.append(self.limits_Nm[limb])
         return list(zip(*_torque_map()(np.array(given)), limits, strict=True))
 
-    def _solve_within(self, query: Query, about: Array) -> Array | None:
+    def _likely_limbs(self, contacts: list[Contact], place: Array) -> list[int]:
+        """Which limb is on each contact, by where it is."""
+        away, limbs = np.array([contact.centre_h_m[:2] - place[:2] for contact in contacts]), []
+        for at in away:
+            column = away[away[:, 1] * at[1] >= 0.0, 0]
+            side = np.where(at >= [column.mean() if len(column) > 1 else 0.0, 0.0], 1.0, -1.0)
+            limbs.append(int(np.argmax((self._quadrant == side).all(axis=1))))
+        return limbs
+
+    def _solve_within(self, query: Query, about: Array, limbs: tuple[int, ...] | None = None) -> Array | None:
         """A body position in balance near that wanted, with torques as they are at another."""
         support = query.support
         rows = np.zeros((2 * JOINTS * len(support), 3 + WRENCH * len(support)))
         right = np.zeros(len(rows))
-        for i, (torques, still, limit) in enumerate(self._torques(support, about)):
+        for i, (torques, still, limit) in enumerate(self._torques(support, about, limbs)):
             at = slice(2 * JOINTS * i, 2 * JOINTS * (i + 1))
             rows[at, 3 + WRENCH * i : 7 + WRENCH * i] = np.vstack([torques, -torques])
             right[at] = np.concatenate([limit - still, limit + still])

@@ -21,9 +21,8 @@ from crux_planner.trajectory.stage_problem import PINNED, Derivatives, StageProb
 FIRST_BARRIER, LAST_BARRIER = 1e-2, 1e-7
 _TOLERANCE, _DUAL_TOLERANCE = 1e-8, 1e-5  # the latter of the largest multiplier: rounding grows with it
 _ROUNDING = 1e-6  # what (1)-(9) may lack where whole steps change nothing: a tenth of what the check forgives
-_MOST_ITERATIONS = 80
 _STILL, _SAME = 3, 1e-7  # so many whole steps in a row, each of which changes the cost by less than this share of it
-_STALLED, _SHORT = 8, 0.1  # so many steps in a row, each of less of a Newton step: the rows contradict each other
+_SHORT = 0.1  # of a Newton step: many shorter steps in a row show that the rows contradict each other
 _NEAR, _NEAR_GAP = 1e-2, 1e-4  # largest defect, and mean product of slack and dual, of a point near a solution
 _TO_BOUNDARY = 0.995
 _LEAST_SLACK = 1e-2  # with which an inequality starts
@@ -88,7 +87,8 @@ def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
         exact = primal < _TOLERANCE and dual < _DUAL_TOLERANCE
         if gap < 2 * LAST_BARRIER and (exact or (still >= _STILL and primal < _ROUNDING)):
             return Outcome(point, iteration, True, at.cost)
-        spent = iteration >= _MOST_ITERATIONS or short >= _STALLED or clock.now() > deadline
+        patience = stages.functions
+        spent = iteration >= patience.most_iterations or short >= patience.short_steps or clock.now() > deadline
         if spent or not np.isfinite(primal + dual):
             return Outcome(point, iteration, False, at.cost)
         try:

@@ -17,6 +17,8 @@ import numpy as np
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.limb import NUMBERS
 from crux_planner.model.problem import BODY_STATES, Problem
+from crux_planner.model.schedule import Schedule
+from crux_planner.physics.bounds import body_bounds, reach_bounds
 from crux_planner.physics.cost import body_cost, wrench_cost
 from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench, next_pose
 from crux_planner.physics.limit_surface import surface_slack
@@ -39,6 +41,21 @@ class StageFunctions:
     """Equations of one problem, each vectorised over a leading axis."""
 
     problem: Problem
+
+    short_steps, most_iterations = 8, 80
+    """Of the interior-point method: steps in a row, each of little of a Newton step, and all, before it gives up."""
+
+    def grippers(self, schedule: Schedule) -> Array:
+        """Of knots 1..N, (N, n) as `reach` takes them."""
+        return schedule.poses[1:, :, :3].reshape(len(schedule.poses) - 1, -1)
+
+    def body_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
+        """Lower and upper bounds (N + 1, 12) of the body's states."""
+        return body_bounds(problem, schedule)
+
+    def reach_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
+        """Lower and upper bounds (N, m) of the rows of `reach` at knots 1..N."""
+        return reach_bounds(problem, schedule)
 
     def started_elsewhere(self, problem: Problem) -> StageFunctions:
         """The functions of a problem that differs in its start alone: of all equations only (8b)'s inertia does."""
@@ -69,6 +86,11 @@ class StageFunctions:
         return found
 
     @property
+    def reach_rows(self) -> int:
+        """m of `reach`."""
+        return int(self.reach.function.size1_out(0))
+
+    @property
     def surface_rows(self) -> int:
         """m of `surface`."""
         return int(self.surface.function.size1_out(0))
@@ -94,8 +116,8 @@ class StageFunctions:
 
     @cached_property
     def reach(self) -> Mapped:
-        """Offsets (n, 4 m) of (9a), their derivatives (n, 4 m, 6) by the pose, and the Hessian (n, 6, 6), at (n, 12),
-        grippers (n, 12) and multipliers (n, 4 m).
+        """Rows (n, m) of (9a), here offsets along the directions of the reach; their derivatives (n, m, 6) by the pose,
+        and the Hessian (n, 6, 6), at (n, 12), grippers (n, 12) and multipliers (n, m).
         """
         x, grippers, along = ca.SX.sym("x", BODY_STATES), ca.SX.sym("c", 12), ca.DM(self.problem.boxes.directions)
         offsets = ca.vertcat(*[along @ offset_in_body(x[0:3], x[3:6], grippers[3 * i : 3 * i + 3]) for i in range(4)])

@@ -15,7 +15,7 @@ from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.contacts import Contact
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
-from crux_planner.physics.bounds import body_bounds, reach_bounds, wrench_bounds
+from crux_planner.physics.bounds import wrench_bounds
 from crux_planner.physics.dynamics import WRENCH_INPUTS
 from crux_planner.physics.torque import INTERVAL_TORQUES
 from crux_planner.trajectory.stage_functions import COLUMN, FORCE_SCALE_N, POSE, SPINE_WEIGHT, StageFunctions
@@ -41,7 +41,7 @@ class Derivatives:
     state_map: Array  # (N, 12, 12)
     into_state: Array  # (N, 4, 12, 8)
     rows: Array  # (R,)
-    reach: Array  # (N, 4 m, 6), knots 1..N
+    reach: Array  # (N, m, 6), knots 1..N
     surface: Array  # (N, 4, m, 8)
     torques: Array  # (P, 12, 17) at `limited`
 
@@ -67,7 +67,7 @@ class StageProblem:
         rough = self.stance[..., None] & (friction > 0.0)  # elsewhere the cone has shrunk to a ray: spines carry all
         self.rough = np.repeat(rough, functions.surface_rows // 2, axis=-1)
         self.by_spines = self.stance & ~rough.all(axis=-1)
-        self.grippers = schedule.poses[1:, :, :3].reshape(n, 12)
+        self.grippers = functions.grippers(schedule)
         self.hands = schedule.poses[:-1, :, :4].reshape(n, 16)
         places = np.array(sorted(limited), dtype=int).reshape(-1, 2).T
         self.limited: tuple[Indices, Indices] = (places[0], places[1])  # knots and limbs
@@ -75,12 +75,12 @@ class StageProblem:
 
     def _set_bounds(self, schedule: Schedule, contacts: list[list[Contact | None]]) -> None:
         problem = self.problem
-        low, high = body_bounds(problem, schedule)
+        low, high = self.functions.body_bounds(problem, schedule)
         self.first, self.last = low[0], (low[-1] + high[-1]) / 2
         fixed = low >= high - 1e-12
         self.pinned = fixed[-1].astype(float)
         body_low, body_high = np.where(fixed, -np.inf, low)[1:], np.where(fixed, np.inf, high)[1:]
-        reach_low, reach_high = reach_bounds(problem, schedule)
+        reach_low, reach_high = self.functions.reach_bounds(problem, schedule)
         column_low, column_high = self._column_bounds(contacts)
         self.fixed: Flags = column_low >= column_high
         self.fixed_value = np.where(self.fixed, column_low, 0.0)
@@ -154,12 +154,12 @@ class StageProblem:
         return low, high
 
     def split(self, rows: Array) -> list[Array]:
-        """A vector of rows as body (N, 12), reach (N, 4 m), column (N, 4, 8), surface (N, 4, m) and torques
+        """A vector of rows as body (N, 12), reach (N, m), column (N, 4, 8), surface (N, 4, m) and torques
         (P, 12)."""
         n, parts = self.knots, np.split(rows, self._ends)
         shapes = [
             (n, BODY_STATES),
-            (n, 4 * len(self.problem.boxes.directions)),
+            (n, self.functions.reach_rows),
             (n, 4, COLUMN),
             (n, 4, self.functions.surface_rows),
             (-1, INTERVAL_TORQUES),

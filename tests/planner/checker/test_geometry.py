@@ -2,7 +2,7 @@
 
 from typing import Any
 
-import coal  # type: ignore[import-untyped]
+import coal
 import numpy as np
 import pytest
 from crux_planner.checker import geometry

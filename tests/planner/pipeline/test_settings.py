@@ -175,6 +175,7 @@ def test_the_time_limit_leaves_time_for_the_check(robot: Robot, monkeypatch: pyt
 
     monkeypatch.setattr(climb, "_plan_level", level)
     monkeypatch.setattr(climb, "plan_wider", wider)
+    monkeypatch.setattr(climb, "plan_by_map", lambda _: None)
     content = two_rows()
     content["planner"] = {"time_limit_s": 4.0}
     wall, began = scenario(content), clock.now()

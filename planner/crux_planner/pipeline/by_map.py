@@ -1,0 +1,195 @@
+"""A plan with all of what the limbs reach, within their joint limits: where convex pieces of it leave no way.
+
+Stances come from `MapSearch`, the body's path over the knots from dynamic programming over the same maps on a finer
+grid, and the exact P1 has the joint limits themselves for (9a). What the check refuses is learnt: joints that come too
+near to their limits between two knots get more margin, limbs that come too near to each other keep the body near the
+map's path, and a move that no path or plan goes with is left out of the next way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+
+from crux_planner.checker import CheckReport, Violation, check_plan
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Move, Schedule
+from crux_planner.pipeline.message import PlanResult, plan_message
+from crux_planner.pipeline.refusals import eased, slowed
+from crux_planner.pipeline.solve_and_check import Climb
+from crux_planner.reach.arm import reaches_of
+from crux_planner.search.body_path import SPEED_SHARE, path_about
+from crux_planner.search.map_search import MapSearch, Step
+from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about
+from crux_planner.search.pose_path import clear_path
+from crux_planner.search.schedule import at_knots
+from crux_planner.trajectory.exact import solve_within_torques
+from crux_planner.trajectory.joint_rows import JointFunctions, JointLimits
+from crux_planner.trajectory.solution import Start, start_from_path
+
+COARSE = (0.02, 0.07, 0.22, 0.21)  # grid of the search: steps [m, rad], and how far it goes around start and goal
+FINE = (0.01, 0.035, 0.16, 0.105)  # of the body's path
+SEARCH_RAD, PATH_RAD, PLAN_RAD = 0.04, 0.03, 0.02  # margins to joint limits
+LOOKS, WAYS = 3000, 8  # at moves for one way of stances, and ways
+SPARE_KNOTS = (1, 2, 4)  # a move, beyond what the swings need
+HALVES_M = (0.02, 0.04, 0.08)  # how far the first solution may be off the path of the map
+ROUNDS = 6  # of the exact P1 and its check
+LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
+_MORE_RAD = 0.01  # beyond what the check misses
+_NEAR_M = 0.02  # of the map's path, where links come too near to each other; a quarter of it the second time
+
+
+def plan_by_map(climb: Climb) -> PlanResult | None:
+    """A checked plan; None where none is found, or start or goal are tilted."""
+    problem, session = climb.problem.aimed(), climb.session
+    tilts = np.abs([problem.start.rpy_rad[:2], problem.goal.body.rpy_rad[:2]])
+    in_air = not all(problem.contacts[c].bears for c in problem.start_contacts)
+    if in_air or tilts.max() > LEVEL_RAD:
+        return None
+    with climb.work.part("map", 0.2):
+        coarse, fine = (grid_about(problem, *size) for size in (COARSE, FINE))
+        masks = PoseMasks(problem, session.robot, coarse, SEARCH_RAD)
+        search = MapSearch(masks, Footing(problem, coarse), climb.oracles.swings)
+    planner, without = _ByMap(climb, problem, PoseMasks(problem, session.robot, fine, PATH_RAD)), set[Step]()
+    for _ in range(WAYS):
+        with climb.work.part("map", 0.2):
+            way = search.find(without, LOOKS, session.deadline)
+        if way is None:
+            return None
+        found = planner.plan(way)
+        if isinstance(found, PlanResult):
+            return found
+        if session.late:
+            climb.work.cut_short = True
+        if session.late or not way:
+            return None
+        without.add(way[found])
+    return None
+
+
+class _ByMap:
+    """From ways of stances to plans of one problem."""
+
+    def __init__(self, climb: Climb, problem: Problem, masks: PoseMasks) -> None:
+        self.climb, self.problem, self.masks = climb, problem, masks
+        self.footing = Footing(problem, masks.grid)
+        reaches = reaches_of(climb.session.robot)
+        self.functions = JointFunctions(problem, reaches, JointLimits.about(np.zeros((0, 12)), PLAN_RAD))
+
+    def plan(self, way: list[Step]) -> PlanResult | int:
+        """A checked plan, or the number of the move that is to blame for there being none."""
+        at = self.problem.start.position_m
+        moves = [Move(before, after, (limb,), at, at) for before, limb, after in way]
+        swings, blamed = self.climb.oracles.swings, len(moves) - 1
+        quickest = np.array([swings.intervals(m.before[i], m.after[i]) for m in moves for i in m.limbs], dtype=int)
+        away_m = np.abs(self.problem.goal.body.position_m - self.problem.start.position_m).max()
+        travel = int(np.ceil(away_m / (SPEED_SHARE * self.problem.body.max_speed_m_s * self.problem.dt_s)))
+        least, most = max(int(quickest.sum()) + len(moves), travel) + 2, self.problem.steps
+        wanted = {least + (len(moves) + 1) * spare for spare in SPARE_KNOTS}
+        if self.climb.session.scenario.planner.idle == "keep":
+            wanted = {most}
+        for steps in sorted(each for each in {*wanted, most} if least <= each <= most):
+            problem = replace(self.problem, steps=steps)
+            schedule = _schedule(problem, self.climb, moves, quickest)
+            with self.climb.work.part("body", 0.4):
+                start = self._start(problem, schedule)
+            if isinstance(start, int):
+                blamed = _move_at(schedule, start)
+                continue
+            if start is not None and (found := self._solve(problem, schedule, start)) is not None:
+                return found
+            if self.climb.session.late:
+                break
+        return blamed
+
+    def _start(self, problem: Problem, schedule: Schedule) -> Start | int | None:
+        """Where the exact P1 starts; or the knot at which the body's path ends, None where no wrenches go with it."""
+        poses, last = clear_path(problem, self.masks, self.footing, schedule)
+        if poses is None:
+            return last
+        for half_m in HALVES_M:
+            path = path_about(problem, self.footing.oracle, schedule, poses, half_m)
+            if path is not None:
+                return start_from_path(problem, path, poses[:, 3])
+        return None
+
+    def _solve(self, problem: Problem, schedule: Schedule, first: Start) -> PlanResult | None:
+        """A checked plan for a schedule; what the check refuses is answered, `ROUNDS` times at most."""
+        session, work, start, limits = (
+            self.climb.session,
+            self.climb.work,
+            first,
+            JointLimits.about(first.body, PLAN_RAD),
+        )
+        for _ in range(ROUNDS):
+            with work.part("nlp", 0.5):
+                self.functions = self.functions.within(limits)
+                solution = solve_within_torques(problem, schedule, start, session.deadline, self.functions)
+            if not solution.solved:
+                return None
+            with work.part("check", 0.8):
+                message = plan_message(session.scenario, session.robot, problem, schedule, solution, session.method)
+                report = check_plan(message, session.robot)
+            if report.ok:
+                return PlanResult.of(message, report, solution, schedule.gait, work)
+            answer, others = _answered(limits, report, problem.dt_s)
+            again = (answer.near_m != limits.near_m).any()
+            easier = _easier(problem, replace(report, violations=others), schedule, solution.body) if others else None
+            if others and easier is None:
+                return None
+            limits, problem = answer, easier or problem
+            torques_Nm = np.minimum(problem.torque_limits_Nm, solution.torque_limits_Nm)
+            problem, start = replace(problem, torque_limits_Nm=torques_Nm), first if again else solution.start
+        return None
+
+
+def _schedule(problem: Problem, climb: Climb, moves: list[Move], swings: Array) -> Schedule:
+    """Swings at their quickest; the stances share the other knots evenly."""
+    stances = np.ones(len(moves) + 1, dtype=int)
+    stances[-1] = 2
+    for _ in range(problem.steps - int(swings.sum() + stances.sum())):
+        stances[int(np.argmin(stances))] += 1
+    return at_knots(problem, climb.oracles.swings, moves, stances, swings)
+
+
+def _answered(limits: JointLimits, report: CheckReport, dt_s: float) -> tuple[JointLimits, list[Violation]]:
+    """Limits under which joints and links may pass, and the violations that limits do not answer."""
+    others, margin_rad, near_m = [], limits.margin_rad.copy(), limits.near_m.copy()
+    for each in report.violations:
+        if each.time_s is None or each.constraint not in ("joint_position", "clearance_limbs"):
+            others.append(each)
+            continue
+        k = int(each.time_s / dt_s)
+        if each.constraint == "joint_position":
+            at = slice(k, k + 2)
+            margin_rad[at, LIMB_NAMES.index(each.limb or ""), int(each.detail[-1]) - 1] += each.amount + _MORE_RAD
+            continue
+        at = slice(max(0, k - 2), k + 4)
+        if (limits.near_m[at] < _NEAR_M).all():
+            others.append(each)
+        near_m[at] = np.minimum(near_m[at], np.where(np.isfinite(limits.near_m[at]), _NEAR_M / 4, _NEAR_M))
+    return replace(limits, margin_rad=margin_rad, near_m=near_m), others
+
+
+def _easier(problem: Problem, report: CheckReport, schedule: Schedule, body: Array) -> Problem | None:
+    """The problem with less of the joints, or a slower body, where the check asks for it."""
+    if (easier := eased(problem, report)) is not None:
+        return easier
+    speed = np.abs(body[:, 6:9]).max(axis=1)
+    slow = slowed(problem.speed_limits, report, schedule.contacts, speed, problem.dt_s)
+    return None if slow in (None, dict(problem.speed_limits)) else replace(problem, speed_limits=slow or {})
+
+
+def _move_at(schedule: Schedule, k: int) -> int:
+    """The number of the move whose limb is in the air at knot k, or next after it."""
+    begun, up = 0, False
+    for j, knot in enumerate(schedule.contacts):
+        air = None in knot
+        begun += air and not up
+        up = air
+        if j >= k and air:
+            break
+    return max(min(begun, len(schedule.moves)) - 1, 0)

@@ -1,0 +1,204 @@
+"""Sets of level body poses in which limbs hold, swing and balance: what the search over stances and the path of the
+body over the knots have in common.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from crux_contracts.robot import Robot
+from scipy.spatial import ConvexHull, QhullError
+
+from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.problem import Problem, turned_problem
+from crux_planner.model.schedule import Contacts
+from crux_planner.reach import between, body_grid
+from crux_planner.reach.arm import CLEAR_M, reaches_of
+from crux_planner.reach.body_grid import BodyGrid
+from crux_planner.reach.poses import GripperPoses
+from crux_planner.reach.solids import Links
+from crux_planner.search.torque_limits import TorqueLimits
+
+_DIRECTIONS = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)  # in which the farthest places in balance are looked for
+_FAR_M, _BEYOND_M = 2.0, 0.3  # off the grippers' middle, and the grid
+_LOOKS, _NEAREST = 16, 6  # at poses of a set for one that motors hold; of these the nearest to the grippers' middle
+_TURN_M = 0.3  # of way that a radian of heading counts as
+
+Gripper = tuple[float, float, float, float]
+"""x, y, z [m] and yaw in H."""
+
+
+def grid_about(problem: Problem, step_m: float, step_rad: float, pad_m: float, pad_rad: float) -> BodyGrid:
+    """Level poses around start and goal, the goal's on a node."""
+    start, goal = problem.start, problem.goal.body
+    yaw = float(goal.rpy_rad[2])
+    turn = yaw / np.ceil(abs(yaw) / step_rad) if abs(yaw) > 1e-6 else step_rad
+
+    def axis(through: float, other: float, step: float, pad: float) -> Array:
+        low, high = min(through, other) - pad, max(through, other) + pad
+        first, last = int(np.floor((low - through) / step)), int(np.ceil((high - through) / step))
+        return np.asarray(through + step * np.arange(first, last + 1), dtype=np.float64)
+
+    ends = zip(goal.position_m.tolist(), start.position_m.tolist(), (pad_m, pad_m, 0.0), strict=True)
+    x, y, z = (axis(to, begin, step_m, pad) for to, begin, pad in ends)
+    return BodyGrid(axis(yaw, 0.0, abs(turn), pad_rad), np.zeros(1), np.zeros(1), z, x, y)
+
+
+class PoseMasks:
+    """Masks of one problem over one grid, each made once; joints keep `margin_rad` off their limits."""
+
+    def __init__(self, problem: Problem, robot: Robot, grid: BodyGrid, margin_rad: float) -> None:
+        self.problem, self.grid = problem, grid
+        self.reaches = reaches_of(robot, margin_rad)
+        self._held: dict[tuple[int, Gripper], Flags] = {}
+        self._apart: dict[tuple[Gripper | int, ...], tuple[Flags, Flags]] = {}
+
+    @cached_property
+    def goal(self) -> Flags:
+        """Where the body ends."""
+        return self._near(self.problem.goal.body.position_m, float(self.problem.goal.body.rpy_rad[2]), 0)
+
+    @cached_property
+    def start(self) -> Flags:
+        """Cells about the body's first pose."""
+        return self._near(self.problem.start.position_m, 0.0, 1)
+
+    def at(self, contact: int) -> Gripper:
+        """A gripper that holds on."""
+        return gripper(self.problem.contacts[contact].pose)
+
+    def held(self, limb: int, there: Gripper) -> Flags:
+        """From where a limb has its gripper there, links off the trunk."""
+        key = limb, there
+        if key not in self._held:
+            seen, (low, high) = self.grid.seen(np.array(there)), self.problem.gripper_yaw_rad
+            mask = self.reaches[limb].reaches(seen) & (seen.yaw_rad >= low) & (seen.yaw_rad <= high)
+            self._held[key] = np.broadcast_to(mask, self.grid.shape)
+        return self._held[key]
+
+    def hold(self, contacts: Contacts) -> Flags:
+        """From where limbs hold on to their contacts; those in the air are left out."""
+        masks = [self.held(limb, self.at(c)) for limb, c in enumerate(contacts) if c is not None]
+        return body_grid.stance(masks)
+
+    def apart(self, mask: Flags, grippers: Sequence[Gripper], moving: Sequence[int] = (0, 1, 2, 3)) -> Flags:
+        """The part of a mask in which `moving` limbs keep off all others."""
+        key: tuple[Gripper | int, ...] = (*grippers, *moving)
+        known, ok = self._apart.setdefault(key, (np.zeros(mask.shape, bool), np.zeros(mask.shape, bool)))
+        where = {limb: np.array(there) for limb, there in enumerate(grippers)}
+        unknown = mask & ~known
+        if unknown.any():
+            ok |= self.grid.apart(unknown, where, self.reaches, CLEAR_M, moving)
+            known |= unknown
+        return np.asarray(mask & ok)
+
+    def apart_at_goal(self, one: tuple[int, list[int]], two: tuple[int, list[int]]) -> Flags:
+        """(n, m) for a limb and n contacts and another limb and m: whether they are on different holds, and their
+        links off each other, with the body at the goal.
+        """
+        (first, mine), (second, theirs) = (
+            (self._goal_links(limb, contacts), np.array([self.problem.contacts[c].hold for c in contacts]))
+            for limb, contacts in (one, two)
+        )
+        i, j = (index.ravel() for index in np.indices((len(mine), len(theirs))))
+        clear = between.apart(first.where(i), second.where(j), CLEAR_M)
+        return np.asarray((clear & (mine[i] != theirs[j])).reshape(len(mine), len(theirs)))
+
+    def _goal_links(self, limb: int, contacts: list[int]) -> Links:
+        """Of one limb on each of the contacts."""
+        body = self.problem.goal.body
+        there = BodyGrid(*(np.array([at]) for at in (body.rpy_rad[2], 0.0, 0.0, *body.position_m[[2, 0, 1]])))
+        seen = [there.seen(np.array(self.at(c))).arrays for c in contacts]
+        arrays = np.array([[np.ravel(each)[0] for each in poses] for poses in seen]).reshape(-1, 6).T
+        return self.reaches[limb].links(GripperPoses(*arrays))
+
+    def _near(self, place: Array, yaw: float, cells: int) -> Flags:
+        """The cell of a pose, and so many around it."""
+        pose = (yaw, 0.0, 0.0, place[2], place[0], place[1])
+        cell = [int(np.argmin(np.abs(axis - at))) for axis, at in zip(self.grid.axes, pose, strict=True)]
+        found = np.zeros(self.grid.shape, dtype=bool)
+        found[tuple(slice(max(0, i - cells), i + cells + 1) for i in cell)] = True
+        return found
+
+
+def gripper(pose: Array) -> Gripper:
+    """Of a pose (4 or more,)."""
+    return float(pose[0]), float(pose[1]), float(pose[2]), float(pose[3])
+
+
+def grown(mask: Flags) -> Flags:
+    """A mask and the cells around it, edges and corners too."""
+    for axis, count in enumerate(mask.shape):
+        if count > 1:
+            mask, given = mask.copy(), mask
+            first, last = (tuple([slice(None)] * axis + [part]) for part in (slice(1, None), slice(None, -1)))
+            mask[first] |= given[last]
+            mask[last] |= given[first]
+    return mask
+
+
+class Footing:
+    """Where a level body balances on some contacts, as friction has it, and whether motors hold it there."""
+
+    def __init__(self, problem: Problem, grid: BodyGrid) -> None:
+        self.problem, self.grid = problem, grid
+        self.oracle = TorqueLimits(problem, problem.friction_share, problem.last_torques_Nm)
+        self._sides: dict[tuple[int, ...], Array | None] = {}
+        self._turned: dict[float, TorqueLimits] = {}
+        self._strong: dict[tuple[object, ...], bool] = {}
+        self._random = np.random.default_rng(0)
+
+    def stands(self, held: Contacts, grippers_m: Array) -> Flags | None:
+        """A mask that broadcasts to the grid's: inside the polygon of the farthest places along some directions, the
+        body's heading left out; `grippers_m` (3,) is the mean place of all grippers. None if there is no place.
+        """
+        support = tuple(sorted(c for c in held if c is not None))
+        if support not in self._sides:
+            self._sides[support] = self._polygon(support)
+        sides = self._sides[support]
+        if sides is None:
+            return None
+        moved, _ = self.oracle.centre(grippers_m)
+        carried = (np.eye(3) - moved) @ (self.oracle.mean_place(support) - grippers_m)
+        off = np.linalg.solve(moved, carried)[:2]
+        places = np.stack(np.meshgrid(self.grid.x_m, self.grid.y_m, indexing="ij"), axis=-1) - off
+        found = np.asarray((places @ sides[:, :2].T + sides[:, 2] <= 1e-6).all(axis=-1))
+        return found[None, None, None, None] if found.any() else None
+
+    def held_at(self, held: Contacts, grippers: tuple[int, ...], mask: Flags) -> bool:
+        """Whether motors hold the body at some pose of a mask, those looked at that are likeliest to do."""
+        cells, grid = np.argwhere(mask), self.grid
+        middle = self.oracle.mean_place(tuple(c for c in held if c is not None))
+        way = np.hypot(grid.x_m[cells[:, 4]] - middle[0], grid.y_m[cells[:, 5]] - middle[1])
+        order = np.argsort(way + _TURN_M * np.abs(grid.yaw_rad[cells[:, 0]]), kind="stable")
+        others = self._random.permutation(order[_NEAREST:])[: _LOOKS - _NEAREST]
+        return any(self._strong_at(held, grippers, tuple(map(int, cells[j]))) for j in [*order[:_NEAREST], *others])
+
+    def _strong_at(self, held: Contacts, grippers: tuple[int, ...], cell: tuple[int, ...]) -> bool:
+        key = held, grippers, cell
+        if key not in self._strong:
+            place, rpy = self.grid.pose(cell)
+            yaw = float(rpy[2])
+            if yaw not in self._turned:
+                self._turned[yaw] = self.oracle.turned(turned_problem(self.problem, yaw))
+            self._strong[key] = self._turned[yaw].hold(held, rotation_z(-yaw) @ place, grippers)
+        return self._strong[key]
+
+    def _polygon(self, support: tuple[int, ...]) -> Array | None:
+        """Sides (n, 3) of the places in balance whose grippers' mean place is the support's."""
+        grid, middle, points = self.grid, self.oracle.mean_place(support), []
+        low = np.array([grid.x_m[0] - _BEYOND_M, grid.y_m[0] - _BEYOND_M, grid.z_m[-1]])
+        high = np.array([grid.x_m[-1] + _BEYOND_M, grid.y_m[-1] + _BEYOND_M, grid.z_m[-1]])
+        for angle in _DIRECTIONS:
+            far = middle[:2] + _FAR_M * np.array([np.cos(angle), np.sin(angle)])
+            at = self.oracle.by_friction(support, low, high, np.append(far, grid.z_m[-1]))
+            if at is None:
+                return None
+            points.append(at[:2])
+        try:
+            return np.asarray(ConvexHull(np.array(points)).equations)
+        except QhullError:  # next to no area
+            return None

@@ -1,0 +1,142 @@
+"""The search on maps of the limbs' reach: what its masks promise, its stances, and the body's path over the knots."""
+
+from __future__ import annotations
+
+import itertools
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from crux_contracts.robot import Robot, load_robot
+from crux_planner.model.arrays import Flags
+from crux_planner.model.build import build_problem
+from crux_planner.reach.body_grid import BodyGrid
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.map_search import MapSearch
+from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about, grown
+from crux_planner.search.pose_path import pose_path
+from crux_planner.swing.swing_cache import SwingCache
+from walls import scenario, two_rows
+
+
+@lru_cache
+def search() -> MapSearch:
+    robot = load_robot("scaler")
+    problem = build_problem(scenario(two_rows()), robot)
+    grid = grid_about(problem, 0.03, 0.07, 0.1, 0.07)
+    masks = PoseMasks(problem, robot, grid, 0.04)
+    return MapSearch(masks, Footing(problem, grid), SwingCache(problem))
+
+
+def test_every_place_that_is_said_to_balance_does() -> None:
+    """Three limbs hold, the fourth is somewhere else than they; a level body at heading 0, which the mask is about."""
+    wall = two_rows(slope_deg=60.0)
+    wall["contact"]["max_normal_N"] = 40
+    for part in wall["holds"]:
+        part["friction"] = 0.9
+    problem = build_problem(scenario(wall), load_robot("scaler"))
+    equilibrium, start = StaticEquilibrium(problem, problem.friction_share), problem.start_contacts
+    grid = grid_about(problem, 0.04, 0.07, 0.5, 0.0)
+    stands = Footing(problem, grid).stands((None, *start[1:]), equilibrium.mean_place(start))
+    assert stands is not None
+    cells = np.argwhere(stands)
+    assert 30 < len(cells) < 0.2 * stands.size
+    for cell in cells.tolist():
+        place, _ = grid.pose(cell)
+        assert equilibrium.position(start[1:], place, place, place, start) is not None
+
+
+def test_moves_lead_from_the_start_to_the_goal_one_limb_at_a_time() -> None:
+    found, problem = search(), search().problem
+    way = found.find((), 500, np.inf)
+    assert way is not None
+    assert len(way) == 4
+    stances = [problem.start_contacts, *(after for _, _, after in way)]
+    for (before, limb, after), (here, there) in zip(way, itertools.pairwise(stances), strict=True):
+        assert (before, after) == (here, there)
+        assert [i for i in range(4) if before[i] != after[i]] == [limb]
+        assert len({problem.contacts[c].hold for c in after}) == 4
+        assert (found.masks.hold(before) & found.masks.hold(after)).any()
+    assert all(problem.may_end(limb, problem.contacts[c]) for limb, c in enumerate(stances[-1]))
+    other = found.find({way[0]}, 500, np.inf)
+    assert other is not None
+    assert way[0] not in other
+
+
+def test_what_is_looked_at_is_counted() -> None:
+    assert search().find((), 2, np.inf) is None
+
+
+def test_links_are_looked_at_where_a_mask_asks_for_it(robot: Robot) -> None:
+    """Part by part as all at once."""
+    problem, grid = search().problem, search().masks.grid
+    whole, parts = (PoseMasks(problem, robot, grid, 0.04) for _ in range(2))
+    grippers = [whole.at(c) for c in problem.start_contacts]
+    grippers[0], grippers[2] = (0.08, 0.35, 0.04, 0.63), (0.08, 0.22, 0.1, 1.28)  # one behind the other
+    mask = np.logical_and.reduce([whole.held(limb, there) for limb, there in enumerate(grippers)])
+    expected = whole.apart(mask, grippers)
+    assert 0 < expected.sum() < mask.sum()
+    some = np.random.default_rng(0).random(mask.shape) < 0.5
+    parts.apart(mask & some, grippers)
+    np.testing.assert_array_equal(parts.apart(mask, grippers), expected)
+
+
+def test_masks_grow_by_a_cell_each_way() -> None:
+    mask = np.zeros((3, 1, 1, 1, 5, 5), dtype=bool)
+    mask[1, 0, 0, 0, 0, 2] = True
+    expected = np.zeros_like(mask)
+    expected[:, 0, 0, 0, 0:2, 1:4] = True
+    np.testing.assert_array_equal(grown(mask), expected)
+
+
+def cheapest(masks: PoseMasks, knots: list[Flags], grid: BodyGrid) -> float:
+    """Cost of the best way through the knots, cell by cell and pair by pair."""
+    problem, weights, goal = masks.problem, masks.problem.weights, masks.problem.goal.body
+    cells = list(itertools.product(*(range(n) for n in grid.shape)))
+    poses = np.array([[*grid.pose(cell)[0], grid.pose(cell)[1][2]] for cell in cells])
+    way = poses[:, None] - poses[None]
+    step, turn = 0.95 * problem.body.max_speed_m_s * problem.dt_s, 0.9 * problem.body.max_rate_rad_s * problem.dt_s
+    allowed = (np.abs(way[..., :3]) <= step + 1e-9).all(axis=-1) & (np.abs(way[..., 3]) <= turn + 1e-9)
+    moved = np.where(allowed, weights.velocity / problem.dt_s**2 * (way**2).sum(axis=-1), np.inf)
+    here = weights.position * ((poses[:, :3] - goal.position_m) ** 2).sum(axis=1)
+    here += weights.orientation * (poses[:, 3] - goal.rpy_rad[2]) ** 2
+    value = np.where((masks.goal & knots[-1]).ravel(), 0.0, np.inf)
+    for mask in knots[-2:0:-1]:
+        value = np.where(mask.ravel(), here + (moved + value).min(axis=1), np.inf)
+    return float(value[masks.start.ravel()].min())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_path_is_the_cheapest(robot: Robot, monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    monkeypatch.setattr("crux_planner.search.pose_path._EDGE_COST", 0.0)
+    problem, random = search().problem, np.random.default_rng(seed)
+    grid = BodyGrid(
+        yaw_rad=np.array([0.0, 0.03]),
+        roll_rad=np.zeros(1),
+        pitch_rad=np.zeros(1),
+        z_m=np.array([0.185]),
+        x_m=np.linspace(0.0, 0.15, 9),
+        y_m=np.linspace(-0.03, 0.03, 4),
+    )
+    masks = PoseMasks(problem, robot, grid, 0.04)
+    goal = np.argwhere(masks.goal)[0]
+    knots = [random.random(grid.shape) < 0.75 for _ in range(10)]
+    knots[-1][tuple(goal)] = True
+    wanted = cheapest(masks, knots, grid)
+    path, _ = pose_path(problem, masks, knots)
+    assert (path is None) == np.isinf(wanted)
+    if path is None:
+        return
+    assert all(knot[cell] for cell, knot in zip(path, knots[1:], strict=True))
+    only = [np.zeros_like(knot) for knot in knots]
+    for cell, knot in zip(path, only[1:], strict=True):
+        knot[cell] = True
+    assert cheapest(masks, only, grid) == pytest.approx(wanted)
+
+
+def test_where_there_is_no_way_the_knot_is_named(robot: Robot) -> None:
+    problem = search().problem
+    masks = PoseMasks(problem, robot, grid_about(problem, 0.03, 0.07, 0.05, 0.07), 0.04)
+    knots = [np.ones(masks.grid.shape, dtype=bool) for _ in range(12)]
+    knots[5] = np.zeros_like(knots[5])
+    assert pose_path(problem, masks, knots) == (None, 5)
