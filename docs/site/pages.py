@@ -10,17 +10,34 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import math
 import re
 import shutil
 from collections.abc import Iterator, Sequence
+from dataclasses import MISSING, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 import yaml
 from crux_contracts import can_codec, node_parameters
 from crux_contracts.channels import FAULT_BY_CODE
+from crux_contracts.records import Key, keys_of
 from crux_contracts.robot import ROBOTS
-from crux_msgs.robot_keys import KEYS, MEANS, Key
+from crux_contracts.scenario import (
+    Contact,
+    Goal,
+    GoalPose,
+    Grasp,
+    Gripper,
+    Hold,
+    Horizon,
+    PlannerOptions,
+    Scenario,
+    Start,
+    Uncertainty,
+    Wall,
+)
+from crux_msgs.robot_keys import SECTIONS, InUrdf, OfLimb, Top
 from crux_tools import cli
 from crux_tools.paths import ROOT
 
@@ -102,30 +119,54 @@ def robot_page() -> Iterator[tuple[str, str]]:
     text = "# Keys of robot.yaml\nEvery key must be there; unknown keys are refused. "
     text += "[Your robot](docs/your-robot.md) says how to begin. The last column is what `scaler` has: "
     text += "[S] read at a source, [C] computed, [A] assumed.\n"
-    means = {"": "At the top", "limbs": "each limb's bus and names", "limb": "names in the URDF without the prefix"}
-    for section, about in (means | MEANS).items():
-        text += f"\n## {section}\n{_sentence(about)}\n\n" if section else "\n"
+    for section, kind in ({"": Top, "limbs": OfLimb, "limb": InUrdf} | SECTIONS).items():
+        text += f"\n## {section}\n{kind.__doc__}\n\n" if section else "\n"
+        values = {"": scaler, "limbs": scaler["limbs"]["LF"]}.get(section) or scaler[section]
         rows = []
-        for key in (key for key in KEYS if key.section == section):
-            values = {"": scaler, "limbs": scaler["limbs"]["LF"]}.get(section) or scaler[section]
-            mark = marks.get(f"{section}.{key.name}") or marks.get(section, "")
-            rows.append((f"`{key.name}`", _holds(key), _sentence(key.means), f"{values[key.name]} {mark}".strip()))
+        for name, key in keys_of(kind).items():
+            mark = marks.get(f"{section}.{name}") or marks.get(section, "")
+            holds = _holds(key).replace("2 numbers", "[low, high]")
+            rows.append((f"`{name}`", holds, _sentence(key.means), f"{values[name]} {mark}".strip()))
         text += table(("key", "holds", "means", "scaler"), rows) + "\n"
     yield "robot-keys.md", text
 
 
+def scenario_page() -> Iterator[tuple[str, str]]:
+    """Every key of a scenario."""
+    text = "# Keys of a scenario\nUnknown keys are refused. [examples/scenario.yaml](examples/scenario.yaml) has all.\n"
+    parts = {"wall": Wall, "contact": Contact, "holds, obstacles": Hold, "start": Start, "air": Gripper, "goal": Goal}
+    parts |= {"body": GoalPose, "grasps": Grasp, "horizon": Horizon, "uncertainty": Uncertainty}
+    for part, kind in ({"": Scenario} | parts | {"planner": PlannerOptions}).items():
+        text += f"\n## {part}\n\n" if part else "\n"
+        rows = [
+            (f"`{name}`", _holds(key), "" if key.required else _default(key.default), _sentence(key.means))
+            for name, key in keys_of(kind).items()
+        ]
+        text += table(("key", "holds", "default", "means"), rows) + "\n"
+    yield "scenario-keys.md", text
+
+
+def _default(value: Any) -> str:
+    value = value[0] if isinstance(value, tuple) and len(set(value)) == 1 else value  # of each
+    return "none" if value in (None, (), MISSING) or is_dataclass(value) else str(value).lower()
+
+
 def _holds(key: Key) -> str:
     """Type, range and unit."""
-    least = "above 0" if 0 < key.low < 1e-6 else f"from {key.low:g}"
-    bounds = f" {least}{f' to {key.high:g}' if key.high < 1e9 else ''} {key.unit}".rstrip()
-    return {
-        "per_joint": f"{key.count} numbers{bounds}",
-        "interval": f"[low, high]{bounds}",
-        "names": f"{key.count} names",
-        "nodes": "a number for each name",
-        "file": "file name",
-        "text": "text",
-    }.get(key.type, f"{key.type}{bounds}")
+    parts = [part for part in get_args(key.type) if part is not type(None)]
+    least = "above 0" if key.above or 0 < key.low < 1e-6 else f"from {key.low:g}"
+    bounds = f" {least}{f' to {key.high:g}' if key.high < 1e9 else ''}" if math.isfinite(key.low) else ""
+    bounds = f"{bounds} {key.unit}".rstrip()
+    if key.words:
+        return " or ".join(key.words) if get_origin(key.type) is not dict else f"by {', '.join(key.words)}"
+    if key.reader in ("nodes", "joints", "finger_joints", "file"):
+        return {"nodes": "a number for each name", "file": "file name"}.get(key.reader, "names")
+    if get_origin(key.type) is tuple and float in parts and ... not in parts:
+        return f"{len(parts)} numbers{bounds}"
+    if is_dataclass(parts[0] if parts else key.type):
+        return "list" if parts and ... in parts else "mapping"
+    kind = parts[0] if parts else key.type
+    return "text" if kind is str else {float: "number", int: "integer"}.get(kind, "true or false") + bounds
 
 
 def _marks(file: Path) -> dict[str, str]:
@@ -185,7 +226,8 @@ def main() -> None:
         copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
         copy(ROOT / name, folder / name)
     shutil.copy(ROOT / "docs" / "site" / "index.txt", folder / "index.md")
-    for pages in (fault_pages(), can_pages(), robot_page(), command_page(), header_page(), composed_pages()):
+    tables = (fault_pages(), can_pages(), robot_page(), scenario_page())
+    for pages in (*tables, command_page(), header_page(), composed_pages()):
         for name, text in pages:
             (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_text(text, encoding="utf-8")

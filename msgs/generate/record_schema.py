@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import is_dataclass, replace
 from typing import Any, get_args
 
+from crux_contracts.reading import MAX_TEXT
 from crux_contracts.records import Key, keys_of
 from crux_contracts.scenario_types import FACE_NAMES
 
-from .robot_schema import TEXT, listed, mapping
+DRAFT = "http://json-schema.org/draft-07/schema#"
+TEXT = {"type": "string", "minLength": 1, "maxLength": MAX_TEXT, "pattern": r"\S"}
 
 
 def schema(kind: type, title: str, version: int) -> str:
@@ -18,16 +21,16 @@ def schema(kind: type, title: str, version: int) -> str:
     top = _record(kind)
     top["properties"]["version"] = {"const": version}
     top["required"].insert(0, "version")
-    return json.dumps({"$schema": "http://json-schema.org/draft-07/schema#", "title": title} | top, indent=1) + "\n"
+    return json.dumps({"$schema": DRAFT, "title": title} | top, indent=1) + "\n"
 
 
 def _record(kind: Any) -> dict[str, Any]:
     keys = keys_of(kind)
     required = [name for name, key in keys.items() if key.required]
-    return mapping(kind.__doc__ or "", {name: _described(key) for name, key in keys.items()}, required)
+    return mapping(kind.__doc__ or "", {name: described(key) for name, key in keys.items()}, required)
 
 
-def _described(key: Key) -> dict[str, Any]:
+def described(key: Key) -> dict[str, Any]:
     return {**_value(key), "description": f"{key.means} [{key.unit}]" if key.unit else key.means}
 
 
@@ -53,3 +56,19 @@ def _value(key: Key) -> dict[str, Any]:
         return mapping("by name", dict.fromkeys(key.words, each), [])
     count = {"maxItems": key.most} if key.most else {}
     return {"type": "array", "items": each} | count if count else listed(each, len(parts))
+
+
+def mapping(means: str, members: dict[str, Any], required: Sequence[str] | None = None) -> dict[str, Any]:
+    """All members have to be there, or the required ones."""
+    return {
+        "description": means,
+        "type": "object",
+        "properties": members,
+        "required": list(members if required is None else required),
+        "additionalProperties": False,
+    }
+
+
+def listed(items: dict[str, Any], count: int) -> dict[str, Any]:
+    """So many."""
+    return {"type": "array", "items": items, "minItems": count, "maxItems": count}

@@ -1,27 +1,35 @@
-"""Python module of robot.yaml: a dataclass for each section of numbers, and the keys' table."""
+"""Python module of robot.yaml: a dataclass for each of its sections, whose fields are their keys."""
 
 from __future__ import annotations
 
 from crux_contracts.robot_bounds import JOINTS
 
-from .robot_keys import Key, RobotKeys, Section
+from .robot_keys import Key, RobotKeys
 
 _TYPES = {
     "number": "float",
     "integer": "int",
     "per_joint": f"tuple[{', '.join(['float'] * JOINTS)}]",
     "interval": "tuple[float, float]",
+    "text": "str",
+    "file": "str",
+    "names": "tuple[str, ...]",
     "nodes": "dict[str, int]",
 }
 
 
 def module(keys: RobotKeys) -> str:
     """crux_msgs/robot_keys.py."""
-    classes = "\n\n".join(_dataclass(section) for section in (*keys.shared, *keys.sections))
+    named = {"Top": ("", "at the top of the file"), "OfLimb": ("limbs", "each limb's bus and names")}
+    named["InUrdf"] = ("limb", "names in the URDF, without the prefix")
+    names = [_dataclass(name, means, keys.names[section]) for name, (section, means) in named.items()]
+    of_numbers = [
+        _dataclass(each.type_name + (f"({each.shared.type_name})" if each.shared else ""), each.means, each.keys)
+        for each in (*keys.shared, *keys.sections)
+    ]
     members = "\n".join(f"    {section.name}: {section.type_name}" for section in keys.sections)
     types = "\n".join(f'    "{section.name}": {section.type_name},' for section in keys.sections)
-    rows = "\n".join(f"    Key{tuple(vars(key).values())!r}," for key in keys.rows())
-    means = "\n".join(f"    {section.name!r}: {section.means!r}," for section in keys.sections)
+    classes = "\n\n".join([*names, *of_numbers])
     return f'''"""Generated from msgs/robot_keys.yaml by msgs/generate. Do not edit.
 
 Units stand in the names; a tuple of {JOINTS} has one value a joint, shoulder outwards.
@@ -30,7 +38,9 @@ Units stand in the names; a tuple of {JOINTS} has one value a joint, shoulder ou
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
+
+from crux_contracts.records import REQUIRED, key
 
 
 {classes}
@@ -45,42 +55,19 @@ class Sections:
 SECTIONS: dict[str, Any] = {{
 {types}
 }}
-# section -> what it holds
-MEANS: dict[str, str] = {{
-{means}
-}}
-
-
-class Key(NamedTuple):
-    """`section` is empty at the top of the file, "limbs" for the keys of each limb; `count` is the length of a list."""
-
-    section: str
-    name: str
-    type: str
-    unit: str
-    low: float
-    high: float
-    count: int
-    means: str
-
-
-KEYS: list[Key] = [
-{rows}
-]
 '''
 
 
-def _dataclass(section: Section) -> str:
-    base = f"({section.shared.type_name})" if section.shared else ""
-    return (
-        f'@dataclass(frozen=True)\nclass {section.type_name}{base}:\n    """{_sentence(section.means)}"""\n\n'
-        + "\n".join(map(_field, section.keys))
-        + "\n"
-    )
+def _dataclass(name: str, means: str, keys: tuple[Key, ...]) -> str:
+    fields = "\n".join(map(_field, keys))
+    return f'@dataclass(frozen=True)\nclass {name}:\n    """{_sentence(means)}"""\n\n{fields}\n'
 
 
 def _field(key: Key) -> str:
-    return f'    {key.name}: {_TYPES[key.type]}\n    """{_sentence(key.means)}"""'
+    told = ["REQUIRED", *map(repr, (key.low, key.high, key.unit, key.means))]
+    if key.type in ("file", "names", "nodes"):
+        told.append(f"reader={(key.type if key.type == 'file' else key.name)!r}")
+    return f'    {key.name}: {_TYPES[key.type]} = key({", ".join(told)})\n    """{_sentence(key.means)}"""'
 
 
 def _sentence(words: str) -> str:

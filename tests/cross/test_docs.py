@@ -45,6 +45,14 @@ def test_every_fault_has_its_page(pages: Path) -> None:
         assert f"[{fault['name']}]({fault['name']}.md)" in (pages / "faults" / "index.md").read_text(encoding="utf-8")
 
 
+def test_every_key_of_a_scenario_is_explained(pages: Path) -> None:
+    page = (pages / "scenario-keys.md").read_text(encoding="utf-8")
+    example = (ROOT / "examples" / "scenario.yaml").read_text(encoding="utf-8")
+    for key in re.findall(r"^ *(?:- )?(?:# )?([a-z]\w+):", example, re.MULTILINE):
+        assert key == "version" or re.search(rf"^\| `{key}` \| .+ \| \S.*\. \|$", page, re.MULTILINE), key
+    assert "| `tolerance_m` | number from 0.0005 to 0.2 m | 0.01 | " in page
+
+
 def test_every_key_of_a_robot_is_explained(pages: Path) -> None:
     page = (pages / "robot-keys.md").read_text(encoding="utf-8")
     robot = yaml.safe_load((ROOT / "msgs" / "robots" / "scaler" / "robot.yaml").read_text(encoding="utf-8"))

@@ -100,12 +100,12 @@ def _load(folder: Path) -> Robot:
 
 
 def _limbs(rules: RobotRules, file: RobotYaml) -> list[Limb]:
-    chains, built = {}, []
+    chains, built, names = {}, [], file.limb
     for name, limb in file.limbs.items():
         bus, prefix = limb["bus"], limb["prefix"]
-        gripper_link = f"{prefix}_{file.limb['gripper_frame']}"
-        chains[name] = chain = rules.chain(name, gripper_link, [f"{prefix}_{joint}" for joint in file.limb["joints"]])
-        one, other = file.limb["finger_joints"]
+        gripper_link = f"{prefix}_{names.gripper_frame}"
+        chains[name] = chain = rules.chain(name, gripper_link, [f"{prefix}_{joint}" for joint in names.joints])
+        one, other = names.finger_joints
         fingers = (f"{prefix}_{one}", f"{prefix}_{other}")
         rules.check_fingers(gripper_link, fingers, file.sections["gripper"].opening_m)
         built.append(_limb(rules.urdf, name, bus, chain, fingers))
