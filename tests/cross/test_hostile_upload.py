@@ -19,12 +19,12 @@ from crux_contracts.plan_file import plan_id, read_plan
 from crux_contracts.robot import load_robot
 from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t
 from crux_simulation.sim.ports import run_ports
+from crux_simulation.sim.runtime_process import START_TRIES, START_TRY_S
 from crux_tools.errors import UsageError
 from crux_tools.operator_link import OperatorLink
 from crux_tools.paths import built
 
 SEED = 7
-START_TRIES = 40
 SILENCE_MS = 400
 TRANSFERS = 10_000_000
 HASH_BYTES = 8  # every LCM message begins with the hash of its type
@@ -88,7 +88,7 @@ def target(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Target]:
         stack.callback(process.wait)
         stack.callback(process.kill)
         link = stack.enter_context(OperatorLink(ports.lcm_url))
-        assert link.command(command_t.STATUS, tries=START_TRIES) is not None
+        assert link.command(command_t.STATUS, tries=START_TRIES, timeout_s=START_TRY_S) is not None
         yield Target(process, link)
 
 

@@ -163,4 +163,6 @@ ATTACKS: dict[str, Callable[[Attacker], None]] = {
 }
 
 if __name__ == "__main__":
-    ATTACKS[sys.argv[1]](Attacker(sys.argv[2]))
+    attacker = Attacker(sys.argv[2])
+    print("here", flush=True)
+    ATTACKS[sys.argv[1]](attacker)

@@ -12,12 +12,12 @@ from pathlib import Path
 from crux_contracts import LIMB_NAMES
 from crux_msgs import command_t
 from crux_simulation.sim.ports import RunPorts, run_ports
+from crux_simulation.sim.runtime_process import START_TRIES, START_TRY_S
 from crux_tools.operator_link import OperatorLink
 from crux_tools.paths import ROOT, built
 
 ROBOT = ROOT / "msgs" / "robots" / "scaler"
 END_TIMEOUT_S = 600  # the machine may be slow and busy
-START_TRIES = 40
 INSECURE = re.compile(r"crux-runtime: INSECURE: whoever reaches LCM at \S+ commands the robot\n")
 
 
@@ -57,7 +57,9 @@ class Starter:
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         self._stack.callback(self._end, process)
         link = self._stack.enter_context(OperatorLink(ports.lcm_url))
-        assert link.command(command_t.STATUS, tries=START_TRIES) is not None, "the runtime does not answer"
+        assert link.command(command_t.STATUS, tries=START_TRIES, timeout_s=START_TRY_S) is not None, (
+            "the runtime does not answer"
+        )
         return Runtime(process, ports, link, log)
 
     @staticmethod

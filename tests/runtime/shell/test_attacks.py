@@ -72,9 +72,10 @@ def robots(start: Starter, tmp_path: Path) -> Robots:
 def attacked(name: str, robots: Robots) -> Iterator[None]:
     """By a process of its own, which has heard the operator before."""
     command = [sys.executable, attacks.__file__, name, robots.runtime.ports.lcm_url]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        time.sleep(3 * SETTLE_S)  # it starts
+        assert process.stdout is not None
+        process.stdout.readline()  # it listens
         for who in ("ann", "eve"):
             robots.held(who)
         time.sleep(SETTLE_S)
