@@ -79,7 +79,9 @@ def test_the_commands_sign_and_update(
     assert "is for a joint" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("length", [1, 7, 8, 111, 112, 127, 128, 129, 2000, 40_000])
+@pytest.mark.parametrize(
+    "length", [1, 7, 8, 111, 112, 127, 128, 129, 2000, pytest.param(40_000, marks=pytest.mark.sweep)]
+)
 def test_programs_of_any_length_arrive_whole(table_top: Desk, robot: Robot, key: Path, length: int) -> None:
     with link(table_top, robot, "RF.2") as joint:
         version = slots(joint)["version"] + 1
