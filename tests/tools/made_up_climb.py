@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import CHANNELS, log_topics
-from crux_contracts.robot import load_robot
+from crux_contracts.robot import Robot, load_robot
 from crux_msgs import hold_t, limb_knot_t, plan_knot_t, plan_t
 from crux_msgs.tables import SCHEMAS
 from mcap.writer import CompressionType
@@ -21,6 +22,7 @@ SCENARIO_NAME = "made-up"
 DT_S = 0.4  # between knots
 CYCLE_S = 0.01
 N_KNOTS = 8
+PLAN_CYCLES = round((N_KNOTS - 1) * DT_S / CYCLE_S)
 WEIGHT_N = 9.6 * 9.81
 SLOPE_RAD = math.radians(45)
 GRAVITY = [-9.81 * math.sin(SLOPE_RAD), 0.0, -9.81 * math.cos(SLOPE_RAD)]
@@ -136,41 +138,51 @@ def write_log(path: Path, story: Story | None = None, finish: bool = True, attac
 
     finish=False leaves it as a killed runtime does.
     """
-    story = story or Story()
-    plan, robot = made_up_plan(), load_robot("scaler")
-    with path.open("wb") as file:
-        # The CDR bytes come from mcap-ros2-support: an encoder that shares nothing with the reader under test.
-        writer = Writer(file, chunk_size=180_000, compression=CompressionType.LZ4)
-        said = {"version": "0", "robot": "scaler", "robot_sha256": robot.hash, "pace": story.pace, **story.metadata}
-        writer.add_metadata("crux", said)
-        for described in (robot.folder / "robot.yaml", robot.urdf_path) if attached else ():
-            writer.add_attachment(0, 0, described.name, "text/plain", described.read_bytes())
-        schemas = {
-            topic: writer.register_msgdef(*SCHEMAS[channel.type])
-            for channel in CHANNELS
-            if channel.writer != "simulation"
-            for topic in log_topics(channel)
-        }
+    story, robot = story or Story(), load_robot("scaler")
+    key = repr((story, finish, attached, robot.folder, robot.hash, SCHEMAS))
+    if key not in _WRITTEN:
+        _WRITTEN[key] = _log(story, robot, finish, attached)
+    path.write_bytes(_WRITTEN[key])
+    return _cycles(story)
 
-        def put(topic: str, at: int, /, **fields: Any) -> None:
-            writer.write_message(topic, schemas[topic], SimpleNamespace(**fields), log_time=at * int(CYCLE_S * 1e9))
 
-        writer.write_message("/plan", schemas["/plan"], plan, log_time=0)
-        put("/acknowledgement", 0, subject=2, request_id=1, piece=-1, verdict=1, supervisor_state=1,
-            plan_id="", reason="not ready yet")  # fmt: skip
-        plan_cycles = round((N_KNOTS - 1) * DT_S / CYCLE_S)
-        cycles = story.ready_cycles + plan_cycles + story.wait_cycles + story.holding_cycles
-        for cycle in range(cycles):
-            _put_cycle(put, plan, story, cycle, plan_cycles)
-        for cycle, code, limb in story.faults:
-            put("/fault", cycle, cycle=cycle, code=code, limb=limb, node=0, value=0.07, limit=0.06)
-        if finish:
-            writer.add_metadata("crux_end", {"cycles": str(cycles), "dropped_records": str(story.dropped)})
-        if finish or story.whole_file:
-            writer.finish()  # type: ignore[no-untyped-call]
-        else:
-            file.flush()
-    return cycles
+_WRITTEN: dict[str, bytes] = {}  # many tests look at the same story
+
+
+def _cycles(story: Story) -> int:
+    return story.ready_cycles + PLAN_CYCLES + story.wait_cycles + story.holding_cycles
+
+
+def _log(story: Story, robot: Robot, finish: bool, attached: bool) -> bytes:
+    plan, file = made_up_plan(), BytesIO()
+    # The CDR bytes come from mcap-ros2-support: an encoder that shares nothing with the reader under test.
+    writer = Writer(file, chunk_size=180_000, compression=CompressionType.LZ4)
+    said = {"version": "0", "robot": "scaler", "robot_sha256": robot.hash, "pace": story.pace, **story.metadata}
+    writer.add_metadata("crux", said)
+    for described in (robot.folder / "robot.yaml", robot.urdf_path) if attached else ():
+        writer.add_attachment(0, 0, described.name, "text/plain", described.read_bytes())
+    schemas = {
+        topic: writer.register_msgdef(*SCHEMAS[channel.type])
+        for channel in CHANNELS
+        if channel.writer != "simulation"
+        for topic in log_topics(channel)
+    }
+
+    def put(topic: str, at: int, /, **fields: Any) -> None:
+        writer.write_message(topic, schemas[topic], SimpleNamespace(**fields), log_time=at * int(CYCLE_S * 1e9))
+
+    writer.write_message("/plan", schemas["/plan"], plan, log_time=0)
+    put("/acknowledgement", 0, subject=2, request_id=1, piece=-1, verdict=1, supervisor_state=1,
+        plan_id="", reason="not ready yet")  # fmt: skip
+    for cycle in range(_cycles(story)):
+        _put_cycle(put, plan, story, cycle, PLAN_CYCLES)
+    for cycle, code, limb in story.faults:
+        put("/fault", cycle, cycle=cycle, code=code, limb=limb, node=0, value=0.07, limit=0.06)
+    if finish:
+        writer.add_metadata("crux_end", {"cycles": str(_cycles(story)), "dropped_records": str(story.dropped)})
+    if finish or story.whole_file:
+        writer.finish()  # type: ignore[no-untyped-call]
+    return file.getvalue()
 
 
 def plan_time(story: Story, cycle: int, plan_cycles: int) -> tuple[float, bool]:
