@@ -110,6 +110,8 @@ class MapSearch:
         for limb, usable in enumerate(self._usable):
             there = [c for c in usable if problem.may_end(limb, problem.contacts[c])]
             ends.append([c for c in there if masks.held(limb, masks.at(c))[masks.goal].any()])
+        if not all(ends):
+            return np.zeros((0, 4), dtype=int)
         stances = np.array(ends[0], dtype=int).reshape(-1, 1)
         for limb in range(1, 4):
             stances = np.column_stack([np.repeat(stances, len(ends[limb]), axis=0), np.tile(ends[limb], len(stances))])

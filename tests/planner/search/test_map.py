@@ -63,6 +63,16 @@ def test_moves_lead_from_the_start_to_the_goal_one_limb_at_a_time() -> None:
     assert way[0] not in other
 
 
+def test_a_goal_at_which_a_limb_reaches_nothing_has_no_way(robot: Robot) -> None:
+    wall = two_rows(all_limbs=False)
+    wall["holds"] = [part for part in wall["holds"] if part["name"] != "RR-high"]
+    wall["goal"]["body"]["position_m"][0] = 0.45
+    problem = build_problem(scenario(wall), robot)
+    grid = grid_about(problem, 0.03, 0.07, 0.1, 0.0)
+    masks = PoseMasks(problem, robot, grid, 0.04)
+    assert MapSearch(masks, Footing(problem, grid), SwingCache(problem)).find((), 500, np.inf) is None
+
+
 def test_what_is_looked_at_is_counted() -> None:
     assert search().find((), 2, np.inf) is None
 
