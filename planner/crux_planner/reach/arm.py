@@ -201,7 +201,7 @@ class ArmReach:
         capsules = (*self.keep_off.links, *self.keep_off.first)
         placed = [(*frames[each.frame], each) for each in capsules]
         ends = [[origin + turn @ each.start_m, origin + turn @ each.end_m] for origin, turn, each in placed]
-        start, end = np.moveaxis(np.array(ends).reshape(-1, 2, *poses.shape, 3), 0, -2)
+        start, end = np.moveaxis(np.array(ends).reshape(len(placed), 2, *poses.shape, 3), 0, -2)
         return Links(start, end, np.array([each.radius_m for each in capsules]))
 
     def off_trunk(self, poses: GripperPoses) -> Flags:

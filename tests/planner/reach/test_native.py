@@ -39,3 +39,10 @@ def test_grids_and_single_poses(robot: Robot) -> None:
         single = GripperPoses(*(each.reshape(()) for each in one.seen(gripper).arrays))
         assert reach.reaches(single).shape == ()
         assert reach.reaches(single)
+
+
+def test_of_poses_that_are_all_too_far_none_is_looked_at_further(robot: Robot) -> None:
+    far = GripperPoses(*np.full((6, 5), 9.0))
+    for reach in reaches_of(robot):
+        assert not reach.reaches(far).any()
+        assert not reach.reaches_by_numpy(far).any()
