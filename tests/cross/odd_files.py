@@ -142,7 +142,7 @@ def other_plan(data: bytes, draw: Draw) -> bytes:
     check, plan_file._check = plan_file._check, lambda *_: None
     try:
         return plan_file.to_bytes(plan)
-    except (plan_file.PlanFileError, struct.error):  # no file can have it
+    except (plan_file.PlanFileError, struct.error, OverflowError):  # no file can have it
         return data
     finally:
         plan_file._check = check

@@ -147,6 +147,8 @@ def test_a_changed_plan_with_right_checksums_is_refused(monkeypatch: pytest.Monk
             r"knots\[4\]\.body_rpy_rad\[1\] is not a finite number",
         ),
         ("plan.knots[4].limbs[1].hold = 99", r"knots\[4\], RF: hold 99, expected -1..7"),
+        ("plan.knots[4].time_s = 1e308", r"knots\[4\]\.time_s 1e\+308, expected 0..1.44e\+07"),
+        ("plan.knots[4].time_s = -0.1", r"knots\[4\]\.time_s -0.1, expected 0..1.44e\+07"),
         ("plan.n_knots = 3", "knots has 13 elements, expected 3"),
         ("plan.knots = plan.knots[:1]; plan.n_knots = 1", "1 knots, expected 2..4000"),
         ("plan.knots[0].limbs = plan.knots[0].limbs[:3]", "limbs has 3 elements, expected 4"),

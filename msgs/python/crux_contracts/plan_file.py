@@ -36,6 +36,7 @@ MAX_BYTES = 32_000_000
 MAX_KNOTS = 4000
 MAX_HOLDS = 1000
 MAX_DT_S = 3600.0
+MAX_TIME_S = MAX_KNOTS * MAX_DT_S
 _FOOTER_LENGTH = 1 + 8 + 20 + 8  # opcode, length, content, magic
 _DATA_END = struct.pack("<BQ", Opcode.DATA_END, 4)  # opcode, length; the checksum follows, then the summary
 
@@ -193,6 +194,8 @@ def _check(plan: plan_t, name: str) -> None:
         if min(hold.size_m) <= 0.0:
             raise PlanFileError(f"{name}: holds[{index}].size_m {list(hold.size_m)}, expected lengths above 0")
     for index, knot in enumerate(plan.knots):
+        if not 0.0 <= knot.time_s <= MAX_TIME_S:
+            raise PlanFileError(f"{name}: knots[{index}].time_s {knot.time_s:g}, expected 0..{MAX_TIME_S:g}")
         for limb, limb_knot in zip(LIMB_NAMES, knot.limbs, strict=True):
             if not -1 <= limb_knot.hold < plan.n_holds:
                 place = f"knots[{index}], {limb}: hold {limb_knot.hold}"
