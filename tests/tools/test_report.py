@@ -24,7 +24,7 @@ from crux_tools import cli
 from crux_tools.report import figures
 from crux_tools.report.command import write_report
 from crux_tools.report.joints import heat_share
-from crux_tools.report.page import STYLE
+from crux_tools.report.page import STYLE, page
 from crux_tools.telemetry.append import Series, append
 from crux_tools.telemetry.margins import planned_margin_n
 from made_up_climb import (
@@ -324,3 +324,7 @@ def test_every_colour_of_the_page_has_a_light_and_a_dark_value() -> None:
     light, dark = re.findall(r":root \{([^}]*--[^}]*)\}", STYLE)
     used = set(re.findall(r"var\((--\w+)\)", STYLE))
     assert used == set(re.findall(r"(--\w+):", light)) == set(re.findall(r"(--\w+):", dark))
+
+
+def test_a_page_is_text_whatever_a_campaigns_rows_hold() -> None:
+    assert "<title>?</title>" in page("\ud800", "lead", []).encode().decode()

@@ -102,12 +102,13 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri
 
 
 def page(title: str, lead: str, sections: Sequence[Section]) -> str:
-    """The whole document."""
+    """The whole document, with "?" for what is no text: half a surrogate pair, which JSON can hold."""
     body = "".join(section.html() for section in sections)
-    return (
+    whole = (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{escape(title)}</title>'
         f"<style>{STYLE}</style></head>\n<body><main><h1>{escape(title)}</h1>"
         f'<p class="lead">{escape(lead)}</p>\n{body}</main></body></html>\n'
     )
+    return whole.encode(errors="replace").decode()

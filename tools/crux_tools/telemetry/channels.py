@@ -220,7 +220,7 @@ def read_both(path: Path) -> tuple[Channels, Payloads]:
 def _payloads(raw: Raw, topics: set[str]) -> Payloads:
     names = {number: channel.topic for number, channel in raw.channels.items() if channel.topic in topics}
     schemas = {name: raw.schemas[raw.channels[number].schema_id] for number, name in names.items()}
-    definitions = {name: schema.data.decode() for name, schema in schemas.items()}
+    definitions = {name: schema.data.decode(errors="replace") for name, schema in schemas.items()}
     types = {name: schema.name for name, schema in schemas.items()}
     payloads = {name: raw.payloads[number] for number, name in names.items()}
     times_ns = {name: raw.times_ns[number] for number, name in names.items()}
