@@ -48,7 +48,8 @@ def other_bytes(data: bytes, draw: Draw) -> bytes:
 
 def other_words(data: bytes, draw: Draw) -> bytes:
     """Words, signs and line ends of a text in others' place; or a line left out, or twice."""
-    text = data.decode("utf-8", "replace") or "x"
+    text = data.decode("utf-8", "replace")
+    text = text if _TOKEN.search(text) else "x"
     for _ in range(draw.draw(st.integers(1, 3))):
         if draw.draw(st.booleans()):
             tokens = list(_TOKEN.finditer(text))

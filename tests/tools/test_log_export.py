@@ -15,6 +15,7 @@ from crux_msgs.tables import SCHEMAS
 from crux_tools.cli import main
 from crux_tools.log import ros2
 from crux_tools.log.mcap_export import DERIVED
+from crux_tools.log.seen import _at
 from crux_tools.paths import ROOT
 from crux_tools.robot3d.robot_model import build_model
 from crux_tools.telemetry import read_log
@@ -286,6 +287,26 @@ def _curves(topic: str, message: Any) -> set[str]:
         return {name} if isinstance(value, float | int) else set()
 
     return below(topic, message)
+
+
+@pytest.mark.parametrize("words", ["log info LOG", "log export LOG -o OUT --foxglove", "report LOG -o OUT"])
+def test_numbers_beyond_all_range_are_shown_too(
+    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_log(tmp_path / "climb.mcap", Story(body_error_m=(1e200, 0.0, -1e200), joint_torque_nm=(1e300,) * 24))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    places = {"LOG": tmp_path / "climb.mcap", "OUT": tmp_path / "out"}
+    status = main([str(places.get(word, word)) for word in words.split()])
+    told = capsys.readouterr().err
+    assert status == 0, told
+    assert "internal error" not in told
+
+
+def test_a_joint_without_a_value_has_no_place() -> None:
+    turning = next(joint for joint in load_robot("scaler").urdf.joints.values() if joint.kind == "revolute")
+    poses = _at(turning, np.array([0.3, np.nan, np.inf, -1e300]))
+    assert np.isfinite(poses[0]).all()
+    assert np.isnan(poses[1:]).all()
 
 
 def test_every_curve_of_the_plotjuggler_layout_is_there(messages: Decoded) -> None:

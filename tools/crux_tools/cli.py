@@ -8,6 +8,7 @@ import io
 import sys
 import traceback
 from collections.abc import Container, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,12 +24,16 @@ INTERRUPTED = 130
 
 @dataclass(frozen=True)
 class Command:
-    """Where a subcommand lives: `adder` puts its parser among the others and sets the default `func`."""
+    """Where a subcommand lives: `adder` puts its parser among the others and sets the default `func`.
+
+    A command that reads `logs` computes with whatever sensors measured, without a warning where numbers overflow.
+    """
 
     help: str
     module: str
     adder: str = "add_parser"
     runner: str = "run"
+    logs: bool = False
 
 
 _OPERATOR = "crux_tools.operator_commands"
@@ -56,11 +61,13 @@ COMMANDS: dict[str, Command] = {
     "lease": Command("take exclusive control", _OPERATOR, "add_lease_parser", "run_lease"),
     "key": Command("manage your signing key", "crux_tools.key_command"),
     "guide": Command("plan again where the robot holds, and go on", "crux_tools.guide.command"),
-    "view": Command("show a log or a plan in the browser", "crux_tools.view.command"),
+    "view": Command("show a log or a plan in the browser", "crux_tools.view.command", logs=True),
     "watch": Command("show a running climb in the browser", "crux_tools.view.command", "add_watch_parser", "run_watch"),
-    "replay": Command("show a logged climb", "crux_tools.replay.command"),
-    "report": Command("write one HTML page about a plan, a climb or a campaign", "crux_tools.report.command"),
-    "log": Command("list, cut, merge, recover, play and convert logs", "crux_tools.log.command"),
+    "replay": Command("show a logged climb", "crux_tools.replay.command", logs=True),
+    "report": Command(
+        "write one HTML page about a plan, a climb or a campaign", "crux_tools.report.command", logs=True
+    ),
+    "log": Command("list, cut, merge, recover, play and convert logs", "crux_tools.log.command", logs=True),
     "can": Command("set up and check CAN interfaces, or run a kernel that has them", "crux_tools.can.command"),
     "preflight": Command("check whether this machine is fit to run a robot", "crux_tools.preflight.command"),
     "bench": Command("reproduce a figure of merit", "crux_simulation.benchmarks.command"),
@@ -153,7 +160,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     as_json = "--json" in words[: words.index("--") if "--" in words else len(words)]
     try:
         options = parser_with({chosen}).parse_args(words)
-        return int(getattr(importlib.import_module(COMMANDS[chosen].module), COMMANDS[chosen].runner)(options))
+        run = getattr(importlib.import_module(COMMANDS[chosen].module), COMMANDS[chosen].runner)
+        with importlib.import_module("numpy").errstate(all="ignore") if COMMANDS[chosen].logs else nullcontext():
+            return int(run(options))
     except KeyboardInterrupt:
         return _error(chosen, "interrupted", as_json, INTERRUPTED)
     except BrokenPipeError:

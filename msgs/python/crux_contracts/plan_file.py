@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import math
 import struct
 import zlib
 from collections.abc import Iterator
@@ -35,8 +34,10 @@ FORMATS = (plan_t.FORMAT, plan_t.FORMAT_FROM_AIR)
 MAX_BYTES = 32_000_000
 MAX_KNOTS = 4000
 MAX_HOLDS = 1000
-MAX_DT_S = 3600.0
+MIN_DT_S, MAX_DT_S = 1e-3, 3600.0
 MAX_TIME_S = MAX_KNOTS * MAX_DT_S
+MAX_NUMBER = 1e9  # more than any metre, newton or second of a plan, and its powers do not overflow
+MIN_PATCH_K_M = 1e-6
 _FOOTER_LENGTH = 1 + 8 + 20 + 8  # opcode, length, content, magic
 _DATA_END = struct.pack("<BQ", Opcode.DATA_END, 4)  # opcode, length; the checksum follows, then the summary
 
@@ -92,7 +93,7 @@ def write_plan(path: str | Path, plan: plan_t) -> None:
 
 
 def read_plan(path: str | Path) -> plan_t:
-    """Reads and verifies a plan: checksums, plan_id, format, sizes, finite numbers. Raises PlanFileError."""
+    """Reads and verifies a plan: checksums, plan_id, format, sizes, numbers. Raises PlanFileError."""
     try:
         size = Path(path).stat().st_size
         if size > MAX_BYTES:
@@ -185,11 +186,14 @@ def _check(plan: plan_t, name: str) -> None:
     for what, count, low, high in (("knots", plan.n_knots, 2, MAX_KNOTS), ("holds", plan.n_holds, 0, MAX_HOLDS)):
         if not low <= count <= high:
             raise PlanFileError(f"{name}: {count} {what}, expected {low}..{high}")
-    wrong = _not_finite(plan, "plan_t", "")
+    wrong = _out_of_range(plan, "plan_t", "")
     if wrong:
-        raise PlanFileError(f"{name}: {wrong} is not a finite number")
-    if not 0.0 < plan.dt_s <= MAX_DT_S:
-        raise PlanFileError(f"{name}: dt_s {plan.dt_s:g}, expected a number above 0 and up to {MAX_DT_S:g}")
+        raise PlanFileError(f"{name}: {wrong}, expected numbers of at most {MAX_NUMBER:g}")
+    if plan.patch_k_m != 0.0 and plan.patch_k_m < MIN_PATCH_K_M:
+        expected = f"expected 0 (feet on the wall itself) or at least {MIN_PATCH_K_M:g} m"
+        raise PlanFileError(f"{name}: patch_k_m {plan.patch_k_m:g}, {expected}")
+    if not MIN_DT_S <= plan.dt_s <= MAX_DT_S:
+        raise PlanFileError(f"{name}: dt_s {plan.dt_s:g}, expected {MIN_DT_S:g}..{MAX_DT_S:g}")
     for index, hold in enumerate(plan.holds):
         if min(hold.size_m) <= 0.0:
             raise PlanFileError(f"{name}: holds[{index}].size_m {list(hold.size_m)}, expected lengths above 0")
@@ -202,15 +206,15 @@ def _check(plan: plan_t, name: str) -> None:
                 raise PlanFileError(f"{name}: {place}, expected -1..{plan.n_holds - 1}")
 
 
-def _not_finite(message: Any, type_name: str, place: str) -> str | None:
+def _out_of_range(message: Any, type_name: str, place: str) -> str | None:
     for member, kind, dimension in MEMBERS[type_name]:
         values = getattr(message, member)
         for index, value in enumerate([values] if dimension is None else values):
             where = f"{place}{member}" + ("" if dimension is None else f"[{index}]")
-            if kind == "double" and not math.isfinite(value):
-                return where
+            if kind == "double" and not abs(value) <= MAX_NUMBER:
+                return f"{where} {value:g}"
             if kind in MEMBERS:
-                wrong = _not_finite(value, kind, f"{where}.")
+                wrong = _out_of_range(value, kind, f"{where}.")
                 if wrong:
                     return wrong
     return None

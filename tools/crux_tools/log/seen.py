@@ -25,6 +25,7 @@ from crux_tools.telemetry.margins import Grip, measured_grip
 from crux_tools.telemetry.summary import WAIT_NAMES, is_realtime, name_of, runs, summarise
 from crux_tools.telemetry.wording import fault_line
 
+LARGEST = 1e9  # rad or m: beyond it no joint has ever been
 WORLD = "world"
 BODY_REFERENCE = "body_reference"
 NS = 10**9
@@ -130,13 +131,17 @@ def _pose(position: np.ndarray, quaternion_wxyz: np.ndarray) -> np.ndarray:
 
 
 def _at(joint: Joint, value: np.ndarray) -> np.ndarray:
-    """(n, 7) the child link in the parent, for joint values (n,) in rad or m."""
+    """(n, 7) the child link in the parent, for joint values (n,) in rad or m; NaN where a value is none."""
     origin = Rotation.from_euler("xyz", joint.rpy_rad)
     axis = np.array(joint.axis)
     slides = joint.kind == "prismatic"
+    known = np.abs(value) < LARGEST
+    value = np.where(known, value, 0.0)
     along = origin.apply(np.outer(value, axis)) if slides else np.zeros((len(value), 3))
     turn = Rotation.identity(len(value)) if slides else Rotation.from_rotvec(np.outer(value, axis))
-    return np.concatenate([np.array(joint.xyz_m) + along, (origin * turn).as_quat()], axis=1)
+    poses = np.concatenate([np.array(joint.xyz_m) + along, (origin * turn).as_quat()], axis=1)
+    poses[~known] = np.nan
+    return poses
 
 
 def _joint_values(log: Telemetry, robot: Robot, rows: np.ndarray) -> tuple[list[str], np.ndarray]:
