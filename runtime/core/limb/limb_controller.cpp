@@ -38,6 +38,7 @@ LimbController::LimbController(const RobotDescription& robot, int limb)
       wrench_(robot.limbs[limb], robot.force_torque, robot.control),
       encoders_(robot, limb),
       shaking_(robot, limb),
+      heat_(robot.motor, robot.limbs[limb].joints),
       admittance_(robot.admittance),
       fingers_(robot) {
   kinematics_.evaluate(q_rad_, state_);
@@ -72,6 +73,7 @@ void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
 
 void LimbController::sense_wrench(const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2, double dt_s) noexcept {
   wrench_.update(raw_G_, rotation_WB * state_.gripper_B.rotation, gravity_W_m_s2, dt_s);
+  heat_.take(torque_Nm_, dt_s);
   const Matrix3 rotation_BW = rotation_WB.transpose();
   const JointVector borne_Nm = torque_Nm_ - gravity_torque(state_, rotation_BW * gravity_W_m_s2);
   const JointVector unexplained_Nm = borne_Nm - contact_torque(state_, turned(wrench_.wrench_W(), rotation_BW));
@@ -220,7 +222,7 @@ void LimbController::relocate(const Pose& motion, const LimbReference& reference
 Capacity LimbController::capacity(const Contact& contact, const Matrix3& rotation_WB,
                                   const Vector3& gravity_W_m_s2) const noexcept {
   Capacity capacity{contact, &state_, gravity_torque(state_, rotation_WB.transpose() * gravity_W_m_s2)};
-  for (int j = 0; j < kJoints; ++j) capacity.max_torque_Nm[j] = joints_[j].effort_Nm;
+  for (int j = 0; j < kJoints; ++j) capacity.max_torque_Nm[j] = heat_.allowed_Nm(j);
   return capacity;
 }
 

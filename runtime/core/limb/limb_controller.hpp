@@ -12,6 +12,7 @@
 #include "core/limb/admittance.hpp"
 #include "core/limb/calibration.hpp"
 #include "core/limb/fingers.hpp"
+#include "core/limb/joint_heat.hpp"
 #include "core/loads/load_sharing.hpp"
 #include "core/plan/plan_clock.hpp"
 #include "core/plan/reference_player.hpp"
@@ -173,6 +174,7 @@ class LimbController {
   WrenchEstimator wrench_;
   EncoderWatch encoders_;
   OscillationWatch shaking_;
+  JointHeat heat_;
   Admittance admittance_;
   Fingers fingers_;
   Yielding translation_, rotation_;

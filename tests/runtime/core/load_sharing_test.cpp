@@ -2,6 +2,7 @@
 // answers.
 #include <Eigen/Geometry>
 
+#include "core/limb/joint_heat.hpp"
 #include "core/loads/load_sharing.hpp"
 #include "core/robot/gravity.hpp"
 #include "fixture.hpp"
@@ -178,6 +179,27 @@ TEST(LoadSharing, NoOtherWrenchesWithinTheLimitsAreNearer) {
     EXPECT_GE(squared_change(balanced, other), squared_change(balanced, shared) * (1.0 - 1e-3));
   }
   EXPECT_GT(within, 20);
+}
+
+TEST(JointHeat, FoldsBackFromThePeakToWhatTheMotorBearsForGood) {
+  const auto& joints = robot().limbs[0].joints;
+  const double time_s = robot().motor.heating_time_s, continuous_Nm = 8.1;  // 5 A of 0.05 Nm/A, geared 36 times at 0.9
+  ASSERT_GT(joints[1].effort_Nm, continuous_Nm);
+  JointHeat heat(robot().motor, joints);
+  const auto stand = [&](double torque_Nm, double lasts_s) {
+    for (double t = 0.0; t < lasts_s; t += 0.002) heat.take(JointVector::Constant(torque_Nm), 0.002);
+  };
+  stand(0.0, 0.01);
+  EXPECT_EQ(heat.allowed_Nm(1), joints[1].effort_Nm);
+  // At 11 Nm the load reaches 0.8 of what the winding bears when 1 - exp(-t/T) is 0.8 of (continuous/11)^2.
+  const double bears = std::pow(continuous_Nm / 11.0, 2);
+  stand(11.0, -0.95 * time_s * std::log(1.0 - 0.8 * bears));
+  EXPECT_EQ(heat.allowed_Nm(1), joints[1].effort_Nm);
+  stand(11.0, time_s);
+  EXPECT_NEAR(heat.allowed_Nm(1), continuous_Nm, 1e-9);
+  EXPECT_EQ(heat.allowed_Nm(5), joints[5].effort_Nm) << "it bears its effort for good";
+  stand(2.0, 4.0 * time_s);
+  EXPECT_EQ(heat.allowed_Nm(1), joints[1].effort_Nm);
 }
 
 TEST(LoadSharing, GivesTheLastGoodAnswerWhereThereIsNone) {
