@@ -15,6 +15,8 @@ Wrench turned(const Wrench& wrench, const Matrix3& rotation) {
 
 // A limb that hung without power is that far from its way; it goes away from the wall first, above the way.
 constexpr double kAstray_m = 0.04, kClear_m = 0.03;
+// Share of a joint's effort by which its gear may stick: a motor's torque within that of what is expected says nothing.
+constexpr double kSticks = 0.125;
 constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
 
 /// The gripper still grips: it aims from the commanded body pose, and where it grips is remembered. A foot has found
@@ -80,6 +82,16 @@ void LimbController::sense_wrench(const Matrix3& rotation_WB, const Vector3& gra
   const double share = dt_s / (control_.force_filter_s + dt_s);
   borne_Nm_ += share * (borne_Nm - borne_Nm_);
   residual_Nm_ += share * (unexplained_Nm - residual_Nm_);
+}
+
+double LimbController::ft_residual_Nm() const noexcept {
+  double squares = 0.0;
+  for (int j = 0; j < kJoints; ++j) {
+    const double sticks_Nm = kSticks * joints_[j].effort_Nm;
+    const double unexplained_Nm = residual_Nm_[j] - std::clamp(residual_Nm_[j], -sticks_Nm, sticks_Nm);
+    squares += unexplained_Nm * unexplained_Nm;
+  }
+  return std::sqrt(squares);
 }
 
 double LimbController::ft_limit_Nm(const Wrench& planned_W, const Matrix3& rotation_WB) const noexcept {

@@ -107,9 +107,9 @@ class LimbController {
   /// and the others do without its word on where the body is.
   bool blind() const { return encoders_.frozen(); }
 
-  /// Torque [Nm] of the joints that gravity and the wrench felt do not explain, and the most that it may be where the
-  /// limb is planned to bear `planned_W`.
-  double ft_residual_Nm() const { return residual_Nm_.norm(); }
+  /// Torque [Nm] of the joints that neither gravity nor the wrench felt nor gears that stick explain, and the most that
+  /// it may be where the limb is planned to bear `planned_W`.
+  double ft_residual_Nm() const noexcept;
   double ft_limit_Nm(const Wrench& planned_W, const Matrix3& rotation_WB) const noexcept;
   /// Change [Nm] of the joints' torques beyond gravity since the F/T sensor last gave other numbers.
   double ft_frozen_Nm() const { return (borne_Nm_ - borne_as_it_moved_Nm_).norm(); }

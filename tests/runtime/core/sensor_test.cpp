@@ -148,6 +148,15 @@ TEST_F(Sensors, AForceTorqueSensorThatReadsZeroIsNamedAndNotYieldedTo) {
   EXPECT_LT((offset_m(3) - before_m).norm(), 2e-4);
 }
 
+TEST_F(Sensors, GearsThatStickSayNothingAgainstAForceTorqueSensor) {
+  constexpr double kSticks_Nm = 1.5;
+  run_.steps(kIntoSwing);
+  const auto stick = [](crux_msgs::control_input_t& in) {
+    for (int j = 0; j < kAllJoints; ++j) in.joint_torque_nm[j] += j % 2 == 0 ? kSticks_Nm : -kSticks_Nm;
+  };
+  EXPECT_GT(until_fault(stick, 500), 500);
+}
+
 TEST_F(Sensors, AForceTorqueSensorThatFreezesInASwingIsNamedAsItsLimbTakesUpLoad) {
   run_.steps(kIntoSwing);
   const crux_msgs::control_input_t still = run_.plant.input();
