@@ -17,7 +17,8 @@ from crux_contracts.scenario import load_scenario
 from crux_msgs import limb_knot_t, plan_t, robot_state_t, status_t
 from crux_planner.model.arrays import Array
 from crux_simulation.benchmarks.world_faults import START_S
-from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
+from crux_simulation.sim.climb import ClimbOptions, climb
+from crux_simulation.sim.climb_result import ClimbResult
 from crux_simulation.sim.ports import run_ports
 from crux_simulation.sim.world_file import parse_world
 from crux_tools.cli import main

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from crux_contracts.channels import FAULT_BY_CODE
 from crux_contracts.robot import load_robot
-from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
+from crux_simulation.sim.climb import ClimbOptions, climb
+from crux_simulation.sim.climb_result import ClimbResult
 from crux_simulation.sim.world_file import parse_world, read_world
 from crux_tools.paths import WORLDS
 from crux_tools.telemetry.channels import read_channels

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
+from crux_simulation.sim.climb import ClimbOptions, climb
+from crux_simulation.sim.climb_result import ClimbResult
 from crux_simulation.sim.plant import Plant
 from crux_simulation.sim.world_file import parse_world
 from crux_tools.robot3d.robot_model import build_model

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
-from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
+from crux_simulation.sim.climb import ClimbOptions, climb
+from crux_simulation.sim.climb_result import ClimbResult
 from crux_simulation.sim.fault_file import Fault
 from crux_simulation.sim.firmware_nodes import FirmwareNodes
 from crux_simulation.sim.plant import Plant

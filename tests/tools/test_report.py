@@ -17,7 +17,7 @@ from crux_contracts.motors import joint_continuous_torque_Nm
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_msgs import truth_verdict_t
-from crux_simulation.sim.climb import ClimbResult
+from crux_simulation.sim.climb_result import ClimbResult
 from crux_simulation.sim.judge import Tracking, Verdict
 from crux_simulation.sim.loop import Ending, Outcome
 from crux_tools import cli

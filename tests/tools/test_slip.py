@@ -9,7 +9,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
+from crux_simulation.sim.climb import ClimbOptions, climb
+from crux_simulation.sim.climb_result import ClimbResult
 from crux_simulation.sim.world_file import parse_world
 from crux_tools.telemetry.channels import Channels, read_channels
 from hand_plan import climbing_plan

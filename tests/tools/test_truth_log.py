@@ -20,6 +20,7 @@ from crux_contracts import cdr, channels
 from crux_contracts.robot import load_robot
 from crux_msgs import truth_body_t, truth_contacts_t, truth_verdict_t
 from crux_simulation.sim import climb as climbing
+from crux_simulation.sim.climb_result import ClimbResult
 from crux_simulation.sim.native import contact_period
 from crux_simulation.sim.recorder import Truth, recorded
 from crux_simulation.sim.world_file import parse_world
@@ -56,7 +57,7 @@ def table(messages: list[tuple[int, Any]], name: str, *shape: int) -> Any:
 
 
 @pytest.fixture(scope="module")
-def climbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[climbing.ClimbResult, Truth]:
+def climbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[ClimbResult, Truth]:
     """A climb of one limb, and what its recorder saw."""
     seen: list[Truth] = []
 
@@ -73,7 +74,7 @@ def climbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[climbing.ClimbRes
     return result, seen[0]
 
 
-def test_the_log_has_what_the_recorder_saw(climbed: tuple[climbing.ClimbResult, Truth]) -> None:
+def test_the_log_has_what_the_recorder_saw(climbed: tuple[ClimbResult, Truth]) -> None:
     result, truth = climbed
     n = len(truth.cycle)
     body, contacts = (by_rosbags(result.log, topic) for topic in ("/truth/body", "/truth/contacts"))
@@ -96,7 +97,7 @@ def test_the_log_has_what_the_recorder_saw(climbed: tuple[climbing.ClimbResult, 
     np.testing.assert_allclose(turned.reshape(n, 4, 3, 3), truth.gripper_rotation, atol=1e-6)
 
 
-def test_the_truth_is_that_of_the_wall_and_of_statics(climbed: tuple[climbing.ClimbResult, Truth]) -> None:
+def test_the_truth_is_that_of_the_wall_and_of_statics(climbed: tuple[ClimbResult, Truth]) -> None:
     plan = climbing_plan(limbs_to_move=(0,))
     contacts = by_rosbags(climbed[0].log, "/truth/contacts")
     holds, force = table(contacts, "pad_hold", 8), table(contacts, "pad_normal_force_n", 8)
@@ -114,7 +115,7 @@ def test_the_truth_is_that_of_the_wall_and_of_statics(climbed: tuple[climbing.Cl
     np.testing.assert_allclose(sum_w_n, -carried_kg * np.array(plan.gravity_w_m_s2), atol=1.0)
 
 
-def test_the_verdict_is_in_the_log_as_json_prints_it(climbed: tuple[climbing.ClimbResult, Truth]) -> None:
+def test_the_verdict_is_in_the_log_as_json_prints_it(climbed: tuple[ClimbResult, Truth]) -> None:
     result, truth = climbed
     ((time_ns, message),) = by_rosbags(result.log, "/truth/verdict")
     printed = result.as_json()
@@ -133,7 +134,7 @@ def test_the_verdict_is_in_the_log_as_json_prints_it(climbed: tuple[climbing.Cli
     assert text.endswith(f"no slips (largest {message.largest_slip_m * 1e3:.2f} mm), no fall")
 
 
-def test_rerun_finds_nothing_amiss(climbed: tuple[climbing.ClimbResult, Truth]) -> None:
+def test_rerun_finds_nothing_amiss(climbed: tuple[ClimbResult, Truth]) -> None:
     rerun = Path(sys.executable).with_name("rerun")
     done = subprocess.run([rerun, "mcap", "check", climbed[0].log], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -10,35 +10,35 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
 from crux_can_kernel.native import available
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
-from crux_msgs import command_t, plan_t, truth_verdict_t
+from crux_msgs import command_t, plan_t
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.operator_link import OperatorLink
 from crux_tools.output import note
 from crux_tools.priority import no_garbage_collection, realtime_priority
 from crux_tools.report.joints import joint_loads
-from crux_tools.robot3d.robot_model import RobotModel, build_model
+from crux_tools.robot3d.robot_model import build_model
 from crux_tools.telemetry.channels import LogError
 from crux_tools.telemetry.reader import read_log
 from crux_tools.telemetry.summary import FaultNote, summarise
 from crux_tools.telemetry.wording import fault_line
 from mujoco import MjSpec
 
+from crux_simulation.sim.climb_result import ClimbResult, reason_of
 from crux_simulation.sim.disturbance import Course, Disturbance, look_back
 from crux_simulation.sim.emulated_boards import EmulatedBoards, Place
 from crux_simulation.sim.fault_file import OF_THE_RUNTIME, Fault
 from crux_simulation.sim.firmware_nodes import FirmwareNodes
-from crux_simulation.sim.judge import Tracking, Verdict, judge, track
+from crux_simulation.sim.judge import Tracking, judge, track
 from crux_simulation.sim.loop import START_CYCLE, SYNC_TIMEOUT_S, Ending, Loop, Outcome, WorldClock
 from crux_simulation.sim.plant import Plant
 from crux_simulation.sim.ports import run_ports
 from crux_simulation.sim.process_faults import ProcessFaults, check_process_faults
-from crux_simulation.sim.recorder import Truth, recorded
+from crux_simulation.sim.recorder import recorded
 from crux_simulation.sim.resumed import Resumed
 from crux_simulation.sim.runtime_here import RuntimeHere
 from crux_simulation.sim.runtime_process import STOP_TIMEOUT_S, RuntimeProcess, guard_time_s, runtime_arguments
@@ -82,108 +82,6 @@ class ClimbOptions:
     """the user's own words, for the log"""
     log_frames: bool = False
     """the CAN frames of every cycle into the log, not of the seconds around a fault alone"""
-
-
-@dataclass(frozen=True)
-class ClimbResult:
-    """Everything known after a run."""
-
-    outcome: Outcome
-    verdict: Verdict
-    tracking: Tracking
-    real_time_factor: float
-    missed_cycles: int
-    reason: str
-    log: Path
-    log_complete: bool
-    bus: str = "memory"
-    """as in ClimbOptions"""
-    courses: tuple[Course, ...] = ()
-    joint_notes: tuple[str, ...] = ()
-    """limits of the joints that were passed, as the report says it"""
-    worst_interrupts: dict[str, int] | None = None
-    """instructions, of the emulated boards"""
-    guide: dict[str, Any] | None = None
-    """what it did, as `--json` prints it"""
-    truth: Truth | None = None
-    model: RobotModel | None = None
-    """that it ran on"""
-
-    @property
-    def ok(self) -> bool:
-        """The robot reached the goal without a slip, a lost grip or a fall, and the log is complete."""
-        verdict = self.verdict
-        went_well = verdict.reached_goal and not verdict.fell and not verdict.lost_grips and verdict.slips == 0
-        return went_well and self.log_complete
-
-    def as_json(self) -> dict[str, Any]:
-        """The object `crux climb --json` prints."""
-        verdict, tracking = self.verdict, self.tracking
-        result: dict[str, Any] = {
-            "ok": self.ok,
-            "reached_goal": verdict.reached_goal,
-            "fell": verdict.fell,
-            "lost_grips": list(verdict.lost_grips),
-            "slips": verdict.slips,
-            "tracking": {
-                "body_m": tracking.body_max_m,
-                "finger_m": tracking.finger_max_m,
-                "force_N": tracking.force_rms_n,
-                "body_rms_m": tracking.body_rms_m,
-            },
-            "goal_error": {"m": verdict.goal_error_m, "rad": verdict.goal_error_rad},
-            "largest_slip_m": verdict.largest_slip_m,
-            "real_time_factor": self.real_time_factor,
-            "missed_cycles": self.missed_cycles,
-            "cycles": self.outcome.cycles,
-            "bus": self.bus,
-            "log": str(self.log),
-            "log_complete": self.log_complete,
-            "reason": self.reason,
-            "joint_notes": self.joint_notes,
-        }
-        if self.worst_interrupts is not None:
-            result["worst_interrupts"] = self.worst_interrupts
-        if self.guide is not None:
-            result["guide"] = self.guide
-        if self.outcome.robot_on_wall is not None:
-            result["robot_on_wall"] = self.outcome.robot_on_wall
-        if self.courses:
-            result["robot_on_wall"] = not verdict.fell and self.outcome.robot_on_wall is not False
-            result["faults"] = [course.as_json() for course in self.courses]
-        return result
-
-    def as_message(self, world: str = "") -> truth_verdict_t:
-        """What the log says of it on /truth/verdict; `world`: the name of a world file."""
-        message, verdict = truth_verdict_t(), self.verdict
-        message.world = world
-        message.ok, message.log_complete, message.reason = self.ok, self.log_complete, self.reason
-        for name, value in vars(verdict).items():
-            if hasattr(message, name):  # lost grips stand in the reason
-                setattr(message, name, value)
-        return message
-
-
-def _reason(outcome: Outcome, verdict: Verdict, faults: list[str]) -> str:
-    parts = []
-    if outcome.ending is Ending.RUNTIME_DIED:
-        parts.append(f"{outcome.ending.value} in cycle {outcome.cycles}")
-        on_wall = "held the robot on the wall" if outcome.robot_on_wall else "did not hold the robot"
-        parts.append(f"the nodes {on_wall} for the next 3 s")
-    elif outcome.ending is not Ending.COMPLETE:
-        parts.append(outcome.ending.value)
-    parts += faults
-    if verdict.fell:
-        parts.append(verdict.fall_reason)
-    parts += [f"limb {limb} lost its hold in stance at {at_s:.1f} s" for limb, at_s in verdict.lost_grips.items()]
-    if verdict.slips:
-        parts.append(f"{verdict.slips} slips, the largest {verdict.largest_slip_m * 1e3:.1f} mm")
-    if outcome.ending is Ending.COMPLETE and not verdict.reached_goal:
-        parts.append(
-            f"the body ended {verdict.goal_error_m * 1e3:.1f} mm and {np.degrees(verdict.goal_error_rad):.1f} deg "
-            "off the goal"
-        )
-    return "; ".join(parts)
 
 
 def _tags(options: ClimbOptions) -> dict[str, str]:
@@ -384,7 +282,7 @@ def _judged(
         tracking=tracking,
         real_time_factor=outcome.cycles * dt_s / outcome.wall_s if outcome.wall_s > 0 else 0.0,
         missed_cycles=missed + outcome.missed,
-        reason=_reason(outcome, verdict, [*filter(None, said), *map(fault_line, reported)]),
+        reason=reason_of(outcome, verdict, [*filter(None, said), *map(fault_line, reported)]),
         log=log,
         log_complete=not (unlogged or last_words),
         courses=courses,
