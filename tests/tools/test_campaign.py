@@ -22,7 +22,7 @@ from crux_contracts.scenario import parse_scenario
 from crux_simulation.benchmarks.random_walls import random_wall
 from crux_simulation.campaign.engine import run_jobs
 from crux_simulation.campaign.job import ClimbJob, Outcome
-from crux_simulation.campaign.spec import SETTINGS, read_spec
+from crux_simulation.campaign.spec import DRAWN, OF_FILE, SETTINGS, TOP, read_spec
 from crux_simulation.campaign.store import Store
 from crux_simulation.campaign.walls import Wall
 from crux_simulation.sim.judge import Verdict, judge
@@ -258,6 +258,10 @@ def test_two_campaigns_are_compared_job_by_job_where_both_have_the_same(tmp_path
         ("walls: [{draw: wall, count: 0}]", "walls[0].count: 0: expected a whole number in 1..1000000"),
         ("walls: [{draw: wall, count: 1, slope_deg: 120}]", "slope_deg: 120: expected a number in 0..110 deg"),
         ("walls: [{draw: ladder, count: 1, rungs: 4, obstacles: 3}]", "obstacles: 3: expected a whole number in 0..2"),
+        (
+            "walls: [{draw: ladder, count: 1, rungs: many, obstacles: 3}]",
+            'rungs: "many": expected a whole number in 4..',
+        ),
         ("walls: [{scenario: none.yaml}]", "none.yaml: no such file"),
         ("walls: []", "walls: a list of 0: expected one entry or more"),
         ("walls: [{draw: wall, count: 1}]\nmethods: [fast]", 'methods[0]: "fast": expected auto, two_block'),
@@ -280,10 +284,8 @@ def test_a_wrong_spec_is_refused_with_place_value_and_what_would_be_right(
 def test_the_example_has_every_key_and_is_read() -> None:
     path = ROOT / "examples" / "campaign.yaml"
     assert read_spec(path).jobs
-    named = set(re.findall(r"([a-z_]+): ", path.read_text(encoding="utf-8")))
-    settings = {key for keys in SETTINGS.values() for key in keys}
-    assert {"name", "worlds", "seeds", "methods", "climb", "time_limit_s", "draw", "count", "first_seed"} <= named
-    assert settings | {"scenario"} <= named
+    named = set(re.findall(r"([a-z_]+):", path.read_text(encoding="utf-8")))
+    assert {*TOP, *OF_FILE, *DRAWN}.union(*SETTINGS.values()) <= named
     assert {*SETTINGS} == set(re.findall(r"draw: ([a-z]+)", path.read_text(encoding="utf-8")))
 
 

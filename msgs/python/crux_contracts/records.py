@@ -6,7 +6,7 @@ Of the same fields msgs/generate makes the JSON schemas by which editors complet
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from typing import Any, TypeVar, get_args, get_type_hints
@@ -58,12 +58,17 @@ class Records:
 
     def record(self, kind: type[T], *nodes: Node, place: str = "") -> T:
         """A dataclass, each key from the last of the mappings that has it; what is missing has been noted."""
-        keys, members = keys_of(kind), dict[str, Node]()  # type: ignore[arg-type]
+        keys = keys_of(kind)  # type: ignore[arg-type]
+        missing = dict.fromkeys(name for name, key in keys.items() if key.required)
+        return kind(**missing | self.keys(keys, *nodes, place=place))
+
+    def keys(self, keys: Mapping[str, Key], *nodes: Node, place: str = "") -> dict[str, Any]:
+        """What the keys hold that are there, each from the last of the mappings that has it."""
         required = [name for name, key in keys.items() if key.required]
+        members: dict[str, Node] = {}
         for node in nodes:
             members |= self.check.members(node, required, [name for name in keys if name not in required])
-        read = {name: self.value(keys[name], members[name], f"{place}.{name}") for name in keys if name in members}
-        return kind(**dict.fromkeys(required) | read)
+        return {name: self.value(keys[name], members[name], f"{place}.{name}") for name in keys if name in members}
 
     def value(self, key: Key, node: Node, place: str = "") -> Any:
         """What a key holds, by its type."""

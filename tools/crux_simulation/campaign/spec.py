@@ -16,9 +16,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from crux_contracts.reading import Checker
 from crux_contracts.records import Key, Records
 from crux_contracts.scenario import METHODS, load_scenario
 from crux_contracts.yaml_document import DocumentError, Node, parse_mapping, read_bytes
@@ -32,6 +30,24 @@ from crux_simulation.sim.world_file import read_world
 VERSION = 1
 MAX_COUNT, MAX_SEED, MAX_ENTRIES = 1_000_000, 2**31 - 1, 1000
 MAX_TIME_S = 3600.0
+NAME, SEED = Key(type=str), Key(0, MAX_SEED, type=int)
+TOP = {
+    "version": Key(VERSION, VERSION, required=True, type=int),
+    "walls": Key(reader="walls", required=True),
+    "name": NAME,
+    "worlds": Key(reader="worlds"),
+    "seeds": Key(reader="seeds"),
+    "methods": Key(reader="methods"),
+    "climb": Key(type=bool),
+    "time_limit_s": Key(0.0, MAX_TIME_S, "s", above=True, type=float),
+}
+OF_FILE = {"scenario": Key(reader="scenario", required=True), "name": NAME}
+DRAWN = {
+    "draw": Key(words=list(GENERATORS), required=True, type=str),
+    "count": Key(1, MAX_COUNT, required=True, type=int),
+    "name": NAME,
+    "first_seed": SEED,
+}
 SLOPE = {"slope_deg": Key(0.0, 110.0, "deg", type=float)}
 LADDER = {"rungs": Key(4, 100, type=int), "steps": Key(1, 1000, type=int), "obstacles": Key(0, type=int)}
 SETTINGS: dict[str, dict[str, Key]] = {
@@ -50,84 +66,85 @@ class Campaign:
 
 def read_spec(path: Path) -> Campaign:
     """Raises DocumentError with file, line, key, value and what would be right."""
-    records = Records(str(path))
-    check = records.check
-    root = check.members(
-        parse_mapping(read_bytes(path), str(path)),
-        ("version", "walls"),
-        ("name", "worlds", "seeds", "methods", "climb", "time_limit_s"),
-    )
-    if "version" in root:
-        check.integer(root["version"], VERSION, VERSION)
-    name = check.text(root["name"]) if "name" in root else path.stem
-    entries = [_walls(records, node, path.parent) for node in _some(check, root.get("walls"))]
-    worlds = [_world(check, node, path.parent) for node in _some(check, root.get("worlds"))] or [WorldFile()]
-    seeds = [check.integer(node, 0, MAX_SEED) for node in _some(check, root.get("seeds"))]
-    methods: list[str | None] = [check.choice(node, METHODS) for node in _some(check, root.get("methods"))]
-    climbs = check.flag(root["climb"]) if "climb" in root else True
-    limit_s = check.number(root["time_limit_s"], 0.0, MAX_TIME_S, "s", above=True) if "time_limit_s" in root else None
-    check.finish(DocumentError)
+    reader = _Reader(path)
+    spec = reader.keys(TOP, parse_mapping(read_bytes(path), str(path)))
+    reader.check.finish(DocumentError)
+    worlds, methods = spec.get("worlds", [WorldFile()]), spec.get("methods", [None])
     jobs = [
-        ClimbJob(walls, wall, seed, world, method, limit_s, climbs)
-        for (walls, drawn) in entries
-        for wall, world, method in itertools.product(drawn, worlds, methods or [None])
-        for seed in seeds or [wall.seed]
+        ClimbJob(walls, wall, seed, world, method, spec.get("time_limit_s"), spec.get("climb", True))
+        for (walls, drawn) in spec["walls"]
+        for wall, world, method in itertools.product(drawn, worlds, methods)
+        for seed in spec.get("seeds", [wall.seed])
     ]
-    return Campaign(name, tuple({job.key: job for job in jobs}.values()))
+    return Campaign(spec.get("name", path.stem), tuple({job.key: job for job in jobs}.values()))
 
 
-def _some(check: Checker, node: Node | None) -> list[Node]:
-    """Items of a list that is there, and then has some."""
-    if node is None:
-        return []
-    if node.content == []:
-        check.note(node, "expected one entry or more, or no such key")
-    return check.items(node, MAX_ENTRIES)
+class _Reader(Records):
+    """Reads a spec; each method reads what a key of that name holds."""
 
+    def __init__(self, path: Path) -> None:
+        super().__init__(str(path))
+        self.folder = path.parent
 
-def _world(check: Checker, node: Node, folder: Path) -> WorldFile:
-    """The world as planned, or one of a file."""
-    name = check.text(node)
-    if name == NOMINAL or not name:
-        return WorldFile()
-    try:
-        read_world(folder / name)
-    except WorldError as error:
-        check.note(node, f"expected {NOMINAL} or a world file: {str(error).splitlines()[0]}")
-        return WorldFile()
-    return WorldFile(Path(name).stem, (folder / name).read_text(encoding="utf-8"))
+    def walls(self, node: Node) -> list[tuple[str, list[Wall]]]:
+        """Names and walls of the entries."""
+        return [self._entry(each) for each in self._some(node)]
 
+    def worlds(self, node: Node) -> list[WorldFile]:
+        """Worlds as planned, or of files."""
+        return [self._world(each) for each in self._some(node)]
 
-def _walls(records: Records, node: Node, folder: Path) -> tuple[str, list[Wall]]:
-    """Name and walls of one entry."""
-    check = records.check
-    content = node.content if isinstance(node.content, dict) else {}
-    if "scenario" in content:
-        return _scenario_file(check, node, folder)
-    kind_node = content.get("draw")
-    kind = kind_node.content if kind_node is not None and isinstance(kind_node.content, str) else ""
-    known = check.members(node, ("draw", "count"), ("name", "first_seed", *SETTINGS.get(kind, ())))
-    if "draw" in known:
-        check.choice(known["draw"], list(GENERATORS))
-    count = check.integer(known["count"], 1, MAX_COUNT) if "count" in known else 0
-    first = check.integer(known["first_seed"], 0, MAX_SEED) if "first_seed" in known else 1
-    settings: dict[str, Any] = {}
-    for setting, key in SETTINGS.get(kind, {}).items():
-        if setting == "obstacles":
-            key = replace(key, high=most_obstacles(settings.get("rungs", RUNGS)))  # noqa: PLW2901
-        if setting in known:
-            settings[setting] = records.value(key, known[setting])
-    name = check.text(known["name"]) if "name" in known else kind
-    return name, [Wall(kind, seed, tuple(sorted(settings.items()))) for seed in range(first, first + count)]
+    def seeds(self, node: Node) -> list[int]:
+        """Of noise and worlds."""
+        return [self.value(SEED, each) for each in self._some(node)]
 
+    def methods(self, node: Node) -> list[str]:
+        """The planner's."""
+        return [self.check.choice(each, METHODS) for each in self._some(node)]
 
-def _scenario_file(check: Checker, node: Node, folder: Path) -> tuple[str, list[Wall]]:
-    known = check.members(node, ("scenario",), ("name",))
-    path = folder / str(known["scenario"].content)
-    try:
-        load_scenario(path)
-    except DocumentError as error:
-        check.note(known["scenario"], f"expected a scenario file: {str(error).splitlines()[0]}")
-        return "", []
-    name = check.text(known["name"]) if "name" in known else path.stem
-    return name, [Wall(text=path.read_text(encoding="utf-8"))]
+    def scenario(self, node: Node) -> Path:
+        """A scenario's file."""
+        path = self.folder / str(node.content)
+        try:
+            load_scenario(path)
+        except DocumentError as error:
+            self.check.note(node, f"expected a scenario file: {str(error).splitlines()[0]}")
+        return path
+
+    def _some(self, node: Node) -> list[Node]:
+        """Items of a list that has some."""
+        if node.content == []:
+            self.check.note(node, "expected one entry or more, or no such key")
+        return self.check.items(node, MAX_ENTRIES)
+
+    def _world(self, node: Node) -> WorldFile:
+        name = self.check.text(node)
+        if name == NOMINAL or not name:
+            return WorldFile()
+        try:
+            read_world(self.folder / name)
+        except WorldError as error:
+            self.check.note(node, f"expected {NOMINAL} or a world file: {str(error).splitlines()[0]}")
+            return WorldFile()
+        return WorldFile(Path(name).stem, (self.folder / name).read_text(encoding="utf-8"))
+
+    def _entry(self, node: Node) -> tuple[str, list[Wall]]:
+        content = node.content if isinstance(node.content, dict) else {}
+        wrong = len(self.check.problems)
+        if "scenario" in content:
+            entry = self.keys(OF_FILE, node)
+            if len(self.check.problems) > wrong:
+                return "", []
+            return entry.get("name", entry["scenario"].stem), [Wall(text=entry["scenario"].read_text(encoding="utf-8"))]
+        kind = str(content["draw"].content) if "draw" in content else ""
+        settings = dict(SETTINGS.get(kind, {}))
+        if "obstacles" in settings:
+            rungs = content["rungs"].content if "rungs" in content else RUNGS
+            most = most_obstacles(rungs) if isinstance(rungs, int) else MAX_COUNT  # a wrong one is noted by itself
+            settings["obstacles"] = replace(settings["obstacles"], high=most)
+        entry = self.keys(DRAWN | settings, node)
+        if len(self.check.problems) > wrong:
+            return "", []
+        given = tuple(sorted((name, entry[name]) for name in settings if name in entry))
+        first = entry.get("first_seed", 1)
+        return entry.get("name", kind), [Wall(kind, seed, given) for seed in range(first, first + entry["count"])]
