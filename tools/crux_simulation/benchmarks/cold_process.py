@@ -59,15 +59,12 @@ class Measured:
     peak_MB: float
 
 
-def measured(module: str, *words: str, limit_s: float, environment: dict[str, str] | None = None) -> Measured:
-    """`python -m MODULE WORDS --json`, ended with all it has started after `limit_s`; `environment`: variables of it
-    that are other than here."""
+def measured(module: str, *words: str, limit_s: float) -> Measured:
+    """`python -m MODULE WORDS --json`, ended with all it has started after `limit_s`."""
     began = time.monotonic()
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
         command = [sys.executable, "-m", module, *words, "--json"]
-        process = subprocess.Popen(
-            command, stdout=out, stderr=err, start_new_session=True, env=os.environ | (environment or {})
-        )
+        process = subprocess.Popen(command, stdout=out, stderr=err, start_new_session=True)
         ended = 0
         while ended == 0:
             ended, status, usage = os.wait4(process.pid, os.WNOHANG)

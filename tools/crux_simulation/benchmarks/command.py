@@ -37,16 +37,13 @@ BENCHES = {
         f"{_HERE}.figure9",
         "--stiffnesses 2e4 inf",
     ),
-    "costs": Bench(
-        "the cost J of auto and of two-block ADMM on pairs of start and goal", f"{_HERE}.costs", "--task climbing"
-    ),
     "fields": Bench(
         "decide random hold fields: solved, or proven infeasible",
         f"{_HERE}.hold_fields",
         "--count 5 --seed 101",
     ),
     "routes": Bench(
-        "plan routes over 16 to 100 holds, with CPU time and J, beside another checkout's",
+        "plan routes over 16 to 100 holds, with CPU time and J",
         f"{_HERE}.routes",
         "--rungs 8 --seed 2",
     ),
@@ -69,7 +66,6 @@ BENCHES = {
     "uncertainty": Bench(
         "climb drawn worlds with the usual plan and with one that is made for them", f"{_HERE}.uncertainty", "--count 5"
     ),
-    "buses": Bench("CPU time of a climb in one process and with a runtime of its own", f"{_HERE}.buses"),
     "view": Bench("open an hour's log in the viewer, and scrub it in Chromium", f"{_HERE}.long_view", "--minutes 10"),
     "firmware": Bench("count what the images' interrupts execute, against their time", f"{_HERE}.firmware_cost"),
 }
