@@ -33,23 +33,56 @@ def robot() -> Robot:
 
 
 @contextmanager
-def on_desk(robot: Robot, maker: Maker) -> Iterator[tuple[Board, Desk, NodeLink]]:
-    """A board whose slot 0 runs version 1, confirmed, and a link to it."""
+def on_desk(
+    robot: Robot, maker: Maker, on_trial: tuple[bytes, bytes] | None = None
+) -> Iterator[tuple[Board, Desk, NodeLink]]:
+    """A board with version 1, confirmed, in slot 0 and perhaps an image on trial in slot 1, and a link to it."""
     node = GRIPPER if maker.kind == "gripper" else JOINT
-    with board(robot, LF, node, maker.board_file()) as emulated, host(robot) as spoken:
+    with board(robot, LF, node, maker.board_file(on_trial=on_trial)) as emulated, host(robot) as spoken:
         emulated.look_into(program_file(f"crux_{maker.kind}_slot0"))
         spoken.nodes.replace(LF, node, emulated.port)
         desk = Desk(spoken)
         name = node_name(f"LF.{'gripper' if node == GRIPPER else node}")
         try:
             with NodeLink(name, limb_bus(desk.base(), robot, LF), ANSWER_S) as link:
-                assert slots(link)["confirmed"]
+                assert on_trial or slots(link)["confirmed"]
                 yield emulated, desk, link
         finally:
             desk.end()
 
 
-@pytest.mark.parametrize("kind", ["joint", pytest.param("gripper", marks=pytest.mark.sweep)])
+def test_a_board_takes_an_image_for_the_other_slot_at_rest_alone(robot: Robot, tmp_path: Path) -> None:
+    maker = Maker(tmp_path)
+    with on_desk(robot, maker) as (_, desk, link):
+        image = maker.image(1, 2, endless(1, 1000))
+        assert refused(link, maker.image(0, 2, endless(0, 1000))) == number("refusal", "NOT_ACCEPTED")
+        desk.command(TRACKED)
+        assert refused(link, image) == number("refusal", "CONDITIONS")
+        desk.command(TRACKED | {"Mode": HOLD})  # at rest, but commanded
+        assert refused(link, image) == number("refusal", "CONDITIONS")
+        desk.command(None)
+        desk.await_periods(200)
+        load(link, *image)
+        after = slots(link)
+        assert (after["slot"], after["address"], after["other_version"]) == (0, VECTORS[1], 2)
+
+
+@pytest.mark.parametrize("kind", ["joint", "gripper"])
+def test_the_nodes_own_image_on_trial_in_the_other_slot_confirms_itself(
+    robot: Robot, tmp_path: Path, kind: str
+) -> None:
+    maker = Maker(tmp_path, kind)
+    with on_desk(robot, maker, maker.image(1, 2)) as (emulated, desk, link):
+        desk.await_periods(500)  # while it verifies the signature it hears nothing
+        wait_until_confirmed(link, 2)
+        after = slots(link)
+        assert (after["slot"], after["address"], after["other_version"]) == (1, VECTORS[0], 1)
+        desk.end()
+        assert starts(emulated) == 1
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("kind", ["joint", "gripper"])
 def test_a_board_takes_the_image_for_the_slot_that_does_not_run(robot: Robot, tmp_path: Path, kind: str) -> None:
     maker = Maker(tmp_path, kind)
     package = tmp_path / "package"
@@ -63,22 +96,7 @@ def test_a_board_takes_the_image_for_the_slot_that_does_not_run(robot: Robot, tm
         images = read_images(package)
         wrong, right = images
         assert suitable(images, link, before, "package") == right
-        with pytest.raises(Refused) as refusal:  # linked for the slot that runs
-            load(link, wrong.header, wrong.payload)
-        assert refusal.value.code == number("refusal", "NOT_ACCEPTED")
-        desk.gripper["Mode"] = TRACK
-        desk.command(TRACKED)
-        desk.await_periods(200)
-        with pytest.raises(Refused) as refusal:  # it moves
-            load(link, right.header, right.payload)
-        assert refusal.value.code == number("refusal", "CONDITIONS")
-        desk.gripper["Mode"] = HOLD
-        desk.command(TRACKED | {"Mode": HOLD})
-        with pytest.raises(Refused) as refusal:  # at rest, but commanded
-            load(link, right.header, right.payload)
-        assert refusal.value.code == number("refusal", "CONDITIONS")
-        desk.command(None)
-        desk.await_periods(200)
+        assert refused(link, (wrong.header, wrong.payload)) == number("refusal", "NOT_ACCEPTED")
         before_it = len(desk.forces_N)
         load(link, right.header, right.payload)
         assert slots(link)["other_version"] == right.version
@@ -92,6 +110,13 @@ def test_a_board_takes_the_image_for_the_slot_that_does_not_run(robot: Robot, tm
             emulated.replay(operation, Cut.WITHIN)
             assert starts(emulated) == 1
         assert emulated.fault == ""
+
+
+def refused(link: NodeLink, image: tuple[bytes, bytes]) -> int:
+    """The reason for which the node refuses an image."""
+    with pytest.raises(Refused) as refusal:
+        load(link, *image)
+    return refusal.value.code
 
 
 @pytest.mark.parametrize("how", ["hangs", "faults"])
