@@ -74,7 +74,8 @@ test-sanitized: configure-sanitized ## the C and C++ tests under AddressSanitize
 
 # Compiled tests are kept, whatever the environment says: collecting them takes twice as long without.
 pytest = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
-shared_out = -n $(JOBS) --dist loadfile --no-loadscope-reorder
+# One process more than there are cores, because many tests wait: for nodes, other processes, a browser.
+shared_out = -n $$(($(JOBS) + 1)) --dist loadfile --no-loadscope-reorder
 
 test-python: build can-kernel
 	$(pytest) -m alone $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)

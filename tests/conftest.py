@@ -1,4 +1,4 @@
-"""How the tests are shared out among processes (`pytest -n 2 --dist loadfile`, as `make test` runs them)."""
+"""How the tests are shared out among processes (`pytest -n 3 --dist loadfile`, as `make test` runs them)."""
 
 from __future__ import annotations
 

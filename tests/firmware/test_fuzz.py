@@ -62,7 +62,7 @@ def fuzz(
     return subprocess.run(command, cwd=program.parent, env=environment, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("share", [0.05, ALL])
+@pytest.mark.parametrize("share", [0.02, ALL])
 def test_no_frame_makes_a_node_unsafe(share: float) -> None:
     frames = int(share * FRAMES)
     run = fuzz(build("fuzz", NODES), frames)
