@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 from shared_plans import SharedPlans
+from sweep_record import pytest_runtest_logreport, pytest_sessionfinish  # noqa: F401
 
 LONG_FIRST = ("tests/socketcan", "tests/firmware", "tests/planner")  # so that no long file begins last
 

@@ -1,0 +1,24 @@
+"""tests/sweeps.yaml keeps what is known of other files, and names none that has no sweep."""
+
+from __future__ import annotations
+
+import datetime
+from collections import Counter
+from pathlib import Path
+
+import yaml
+from crux_tools.paths import ROOT
+from sweep_record import RECORD, record
+
+
+def test_what_ran_is_written_beside_what_is_known(tmp_path: Path) -> None:
+    file, first, second = tmp_path / "sweeps.yaml", datetime.date(2026, 1, 2), datetime.date(2026, 2, 3)
+    record({"a.py": Counter(passed=2), "b.py": Counter(passed=1)}, first, file)
+    record({"b.py": Counter(passed=1, failed=3)}, second, file)
+    found = yaml.safe_load(file.read_text(encoding="utf-8"))
+    assert found == {"a.py": {"on": first, "passed": 2}, "b.py": {"on": second, "failed": 3, "passed": 1}}
+
+
+def test_every_file_in_the_record_has_sweeps() -> None:
+    for name in yaml.safe_load(RECORD.read_text(encoding="utf-8")):
+        assert "mark.sweep" in (ROOT / "tests" / name).read_text(encoding="utf-8"), name
