@@ -1,8 +1,9 @@
-"""tests/sweeps.yaml keeps what is known of other files, and names none that has no sweep."""
+"""tests/sweeps.yaml keeps what is known of other files; the page of the tests says what each file's sweeps show."""
 
 from __future__ import annotations
 
 import datetime
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -22,3 +23,15 @@ def test_what_ran_is_written_beside_what_is_known(tmp_path: Path) -> None:
 def test_every_file_in_the_record_has_sweeps() -> None:
     for name in yaml.safe_load(RECORD.read_text(encoding="utf-8")):
         assert "mark.sweep" in (ROOT / "tests" / name).read_text(encoding="utf-8"), name
+
+
+def test_the_page_says_what_each_files_sweeps_show() -> None:
+    rows = (ROOT / "tests" / "README.md").read_text(encoding="utf-8").split("| where | shows |")[1].split("\n\n")[0]
+    named = [re.findall(r"`([\w/.]+)`", row.split(" | ")[0]) for row in rows.splitlines()]
+    shown = {name if "/" in name else f"{Path(names[0]).parent}/{name}" for names in named for name in names}
+    marked = [
+        path for path in (ROOT / "tests").rglob("test_*.py") if re.search(r"pytest\.mark\.sweep\b", path.read_text())
+    ]
+    inside = [path.relative_to(ROOT / "tests") for path in marked]
+    assert len(inside) > 50
+    assert [str(p) for p in inside if not {str(p), *(f"{folder}/" for folder in p.parents)} & shown] == []
