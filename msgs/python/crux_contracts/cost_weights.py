@@ -14,7 +14,7 @@ class CostWeights:
     position: float = 1.0  # Q, on |r - r_goal|^2 [1/m^2]
     orientation: float = 1.0  # Q, on |theta - theta_goal|^2 [1/rad^2]
     velocity: float = 10.0  # Q, on the body's velocity [s^2/m^2] and rate [s^2/rad^2]
-    wrench: float = 1e-4  # R, on the fingers' forces^2 and (twist / k)^2 [1/N^2]
+    wrench: float = 1e-4  # P, on the fingers' forces^2 and (twist / k)^2 [1/N^2]
     lift: float = 0.02  # -zeta, on the height of grippers in the air [1/m]
     opening: float = 0.02  # -xi, on the distance between their fingers [1/m]
     switching: float = 0.3  # S, on each lift-off and each touch-down

@@ -162,7 +162,7 @@ def _ends(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:
 
 
 def _wrenches(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:
-    """(8a), (10b), (11) with (3), (12), (13), (4) and |u|_R^2."""
+    """(8a), (10b), (11) with (3), (12), (13), (4) and |u|_P^2."""
     n, alpha, most = scene.steps, x["alpha"][:-1], scene.largest_N
     fingers, faces = len(scene.limb), len(scene.centre)
     shear = scene.friction * most + scene.spine[:, 0]

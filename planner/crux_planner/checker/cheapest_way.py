@@ -21,7 +21,7 @@ from crux_planner.checker.no_way import AIR, Node, NotShownError, NoWay
 from crux_planner.checker.outer import FORGIVEN_M, FORGIVEN_RAD
 
 _MOST, _MOST_KNOTS = 500_000, 60_000_000  # states of all limbs, and of all knots together
-_LARGEST = 1e4  # multipliers in the unit of R, beyond which rounding would count; good ones are a hundredth of that
+_LARGEST = 1e4  # multipliers in the unit of P, beyond which rounding would count; good ones are a hundredth of that
 _AGES = (16, 8, 6, 5, 4, 3, 2)
 _ROUNDING = 1e-9  # of each knot, and of what it costs
 

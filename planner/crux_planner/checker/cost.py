@@ -13,7 +13,9 @@ def cost(plan: PlanArrays, scenario: Scenario) -> float:
     """J of knots 0..N: body states at all of them, wrenches over the N intervals, limbs in the air, their changes."""
     w, goal = cost_weights(scenario), scenario.goal.body
     total = w.position * ((plan.body_position - goal.position_m) ** 2).sum()
-    total += w.orientation * ((plan.body_rpy - goal.rpy_rad) ** 2).sum()
+    turned = plan.body_rpy - goal.rpy_rad
+    turned[:, 2] -= 2 * np.pi * np.round(turned[0, 2] / (2 * np.pi))  # the short way round from the start to the goal
+    total += w.orientation * (turned**2).sum()
     total += w.velocity * ((plan.body_velocity**2).sum() + (plan.body_rate**2).sum())
     moments = (plan.finger_moment[:-1] ** 2).sum() / plan.patch_k_m**2 if plan.patch_k_m else 0.0  # points bear none
     total += w.wrench * ((plan.finger_force[:-1] ** 2).sum() + moments)

@@ -1,4 +1,4 @@
-"""Equation (6): J = |x - x_g|_Q^2 + |u|_R^2 + zeta' x + xi' (p_1 - p_2) + |z_next - z|_S^2, summed over the knots."""
+"""Equation (6): J = |x - x_g|_Q^2 + |u|_P^2 + zeta p^z + xi d (of grippers in the air) + S nu, summed over the knots."""
 
 from typing import Any
 
@@ -39,7 +39,7 @@ def states_cost(body: Array, problem: CentroidalProblem) -> float:
 
 
 def wrench_cost(q: Any, problem: Problem) -> Any:
-    """|u|_R^2 of one gripper's two fingers, twists counted as forces at k (casadi)."""
+    """|u|_P^2 of one gripper's two fingers, twists counted as forces at k (casadi)."""
     shear, twist = q[0] ** 2 + q[1] ** 2, (q[2] / problem.patch.k_m) ** 2
     return problem.weights.wrench * (2 * shear + 2 * twist + q[3] ** 2 + q[4] ** 2)
 
