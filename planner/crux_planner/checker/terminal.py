@@ -1,5 +1,7 @@
 """Start and goal: where the scenario wants the robot at the first and at the last knot, and which holds it grips."""
 
+import math
+
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.scenario import BodyPose, Grasp, Scenario
@@ -30,7 +32,8 @@ def check_ends(plan: PlanArrays, scenario: Scenario, findings: Findings) -> None
         here = np.append(plan.gripper_position[0, limb], plan.separation[0, limb] / 2)
         away = 1.0 if detail else float(np.abs(here - [*gripper.position_m, gripper.opening_m]).max())
         findings.add("start_air", away, "m", limb=limb, time_s=first, detail=detail)
-        findings.add("start_air", abs(plan.gripper_yaw[0, limb] - gripper.yaw_rad), "rad", limb=limb, time_s=first)
+        turned = math.remainder(plan.gripper_yaw[0, limb] - gripper.yaw_rad, 2 * math.pi)
+        findings.add("start_air", abs(turned), "rad", limb=limb, time_s=first)
 
     off = float(np.linalg.norm(plan.body_position[-1] - goal.body.position_m))
     findings.add("goal_position", off - goal.tolerance_m, "m", time_s=last)

@@ -5,6 +5,7 @@ Everything is expressed in the heading frame H: W turned about its z so that the
 not allow, an InfeasibleError.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -258,7 +259,7 @@ def _in_air(name: str, scenario: Scenario, heading: float, cuboids: Cuboids, sha
     """Where a limb is in the air at the start: a contact that bears nothing; its hold: what it surrounds."""
     gripper, limb = scenario.start.air[name], LIMB_NAMES.index(name)
     centre = rotation_z(-heading) @ np.array(gripper.position_m)
-    yaw = gripper.yaw_rad - heading
+    yaw = math.remainder(gripper.yaw_rad - heading, 2 * math.pi)
     axis = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     inside = np.flatnonzero(cuboids.distance(centre) < 0.0)
     hold = int(inside[0]) if len(inside) else -1 - limb

@@ -55,6 +55,12 @@ def test_the_limb_in_the_air_goes_to_a_hold_before_any_other_moves() -> None:
     assert check_plan(from_bytes(to_bytes(result.plan)), load_robot("scaler")).ok
 
 
+def test_its_yaw_may_be_given_a_whole_turn_off() -> None:
+    result = Planner(hanging(yaw_deg=-357.0), load_robot("scaler")).plan(method="by a test")
+    assert result.check.ok
+    assert (result.gait, result.cost) == (planned().gait, pytest.approx(planned().cost))
+
+
 def test_its_fingers_open_before_it_moves() -> None:
     reference = PlanReference(planned().plan)
     rests = reference.limb(RF, 0, [0.0, 0.4])
