@@ -71,6 +71,7 @@ def hints(thing: object) -> Iterator[tuple[str, object]]:
 def test_everything_public_of_the_planner_is_on_the_page() -> None:
     named = {path for path, _ in SHOWN}
     assert {f"crux_planner.{name}" for name in crux_planner.__all__} <= named
+    assert {*crux_planner.__all__} <= {*dir(crux_planner)}  # which completes names in a notebook
 
 
 @pytest.mark.parametrize(("path", "thing"), [each for each in SHOWN if not each[0].startswith("crux_tools.")])
