@@ -275,7 +275,7 @@ PIXEL = """(() => {
 })()"""
 MIDDLE, BESIDE, ABOVE, CORNER = (
     f"{x} * pen.drawingBufferWidth, {y} * pen.drawingBufferHeight"
-    for x, y in ((0.5, 0.5), (0.5, 0.1), (0.5, 0.9), (0.01, 0.99))
+    for x, y in ((0.5, 0.56), (0.5, 0.1), (0.5, 0.9), (0.01, 0.99))
 )
 
 

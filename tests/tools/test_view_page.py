@@ -31,10 +31,13 @@ PIXELS = """(() => {
 })()"""
 # The parts of the robot, and of it those whose middle the first view shows.
 SEEN = """(() => {
-  const space = crux.page.spaces[0], found = [];
+  const space = crux.page.spaces[0], found = [], legend = crux.byId('legend').getBoundingClientRect();
+  const box = space.canvas.getBoundingClientRect();
   for (const body of space.bodies) for (const part of body.children) {
     const at = part.getWorldPosition(part.position.clone()).project(space.camera);
-    found.push(Math.max(Math.abs(at.x), Math.abs(at.y)) < 1);
+    const x = box.left + (1 + at.x) / 2 * box.width, y = box.top + (1 - at.y) / 2 * box.height;
+    const under = x > legend.left && x < legend.right && y > legend.top && y < legend.bottom;
+    found.push(Math.max(Math.abs(at.x), Math.abs(at.y)) < 1 && !under);
   }
   return [found.length, found.filter(Boolean).length];
 })()"""
@@ -213,6 +216,18 @@ def test_values_are_zoomed_and_drawn_over_another_signal_and_kept_by_a_name(page
     assert page.value("crux.byId('moments').checked") is False
     page.value("crux.byId('theme').click()")
     assert page.value("document.documentElement.dataset.theme") == "dark"
+
+
+def test_nothing_of_the_robot_is_under_the_legend(plan: Recording) -> None:
+    viewer = Viewer([still(plan)], "127.0.0.1", 0)
+    try:
+        with open_page(viewer.url, (900, 600)) as page:
+            page.wait_until(READY)
+            page.value("crux.page.spaces[0].draw()")
+            parts, seen = page.value(SEEN)
+            assert parts == seen > 50
+    finally:
+        viewer.close()
 
 
 def test_two_logs_on_a_phone_are_large_and_whole(log_path: Path, faulty_log_path: Path) -> None:

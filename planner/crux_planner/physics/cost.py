@@ -1,4 +1,4 @@
-"""Equation (6): J = |x - x_g|_Q^2 + |u|_P^2 + zeta p^z + xi d (of grippers in the air) + S nu, summed over the knots."""
+"""Equation (6): J = |x - x_g|_Q^2 + |u|_P^2 + zeta p^z + xi d + S nu, summed over the knots (p, d: in the air)."""
 
 from typing import Any
 

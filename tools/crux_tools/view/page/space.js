@@ -4,9 +4,10 @@ import { OrbitControls } from "./three/OrbitControls.js";
 import { CSS2DRenderer } from "./three/CSS2DRenderer.js";
 import { Arrow, formOf, quaternion, rgb, solid, wall } from "./shapes.js";
 import { Frames, Labels, Measure, Reach, Trails } from "./overlays.js";
+import { byId } from "./state.js";
 import { colour, isDark } from "./theme.js";
 
-const TANGENT = 0.4, WIDEST = 1.15; // of half the field of view upwards, in a view at least as wide as WIDEST of its height
+const TANGENT = 0.43, WIDEST = 1.15; // of half the field of view upwards, in a view at least as wide as WIDEST of its height
 const NEAR_M = 0.02, FAR_M = 60, SHARP_AFTER_MS = 700, COARSE = 0.6, SUN_M = [1.1, 0.7, 2.2], SHADOWED_M = 1.3;
 const GHOST = 0x1f9f9f, GHOST_OPACITY = 0.4, SAME_M = 0.002, OFF_M = 0.006, RAD_M = 0.1; // rotations count RAD_M a radian
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software/i;
@@ -204,7 +205,8 @@ export class Space {
     this.#choose();
     this.camera.aspect = width / height;
     this.camera.fov = 2 * Math.atan(TANGENT * Math.max(1, WIDEST / this.camera.aspect)) * 180 / Math.PI;
-    this.camera.updateProjectionMatrix();
+    const covered = byId("legend").offsetHeight; // of the view's lower end: the picture is moved up
+    this.camera.setViewOffset(width, height, 0, Math.min(covered, height / 4) / 2, width, height);
     const ratio = sharp ? Math.max(window.devicePixelRatio || 1, this.slow ? 2 : 1) : COARSE;
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio);
     if (this.drawn !== `${width} ${height}`) {
