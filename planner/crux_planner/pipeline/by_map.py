@@ -35,7 +35,7 @@ FINE = (0.01, 0.035, 0.16, 0.105)  # of the body's path
 SEARCH_RAD, PATH_RAD, PLAN_RAD = 0.04, 0.03, 0.02  # margins to joint limits
 LOOKS, WAYS = 3000, 8  # at moves for one way of stances, and ways
 SPARE_KNOTS = (1, 2, 4)  # a move, beyond what the swings need
-HALVES_M = (0.02, 0.04, 0.08)  # how far the first solution may be off the path of the map
+HALVES_M = (0.01, 0.02, 0.04, 0.08)  # how far the first solution may be off the path of the map
 ROUNDS = 6  # of the exact P1 and its check
 LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 _MORE_RAD = 0.01  # beyond what the check misses
@@ -83,7 +83,7 @@ class _ByMap:
         """A checked plan, or the number of the move that is to blame for there being none."""
         at = self.problem.start.position_m
         moves = [Move(before, after, (limb,), at, at) for before, limb, after in way]
-        swings, blamed = self.climb.oracles.swings, len(moves) - 1
+        swings, blamed = self.climb.oracles.swings, -1
         quickest = np.array([swings.intervals(m.before[i], m.after[i]) for m in moves for i in m.limbs], dtype=int)
         away_m = np.abs(self.problem.goal.body.position_m - self.problem.start.position_m).max()
         travel = int(np.ceil(away_m / (SPEED_SHARE * self.problem.body.max_speed_m_s * self.problem.dt_s)))
@@ -97,13 +97,15 @@ class _ByMap:
             with self.climb.work.part("body", 0.4):
                 start = self._start(problem, schedule)
             if isinstance(start, int):
-                blamed = _move_at(schedule, start)
+                before, blamed = blamed, _move_at(schedule, start)
+                if before == blamed:
+                    break  # more time does not help
                 continue
             if start is not None and (found := self._solve(problem, schedule, start)) is not None:
                 return found
             if self.climb.session.late:
                 break
-        return blamed
+        return blamed if blamed >= 0 else len(moves) - 1
 
     def _start(self, problem: Problem, schedule: Schedule) -> Start | int | None:
         """Where the exact P1 starts; or the knot at which the body's path ends, None where no wrenches go with it."""
@@ -127,7 +129,10 @@ class _ByMap:
         for _ in range(ROUNDS):
             with work.part("nlp", 0.5):
                 self.functions = self.functions.within(limits)
-                solution = solve_within_torques(problem, schedule, start, session.deadline, self.functions)
+                for functions in (self.functions, self.functions.damped()):
+                    solution = solve_within_torques(problem, schedule, start, session.deadline, functions)
+                    if solution.solved:
+                        break
             if not solution.solved:
                 return None
             with work.part("check", 0.8):

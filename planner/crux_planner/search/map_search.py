@@ -25,7 +25,7 @@ from crux_planner.swing.swing_cache import SwingCache
 GREED = 3.0  # moves to go count so much against those made
 HOP_M = 0.7  # no move is longer, as the estimate of the moves to go sees it
 WAY_SHARE = 0.5  # of a move's cost that its way is, were it so long
-SAMPLES, LINKS_AT = 7, (2, 4)  # of a swing, and at which of these limbs are looked at against each other
+SAMPLES, LINKS_AT = 7, (1, 2, 3, 4, 5)  # of a swing, and at which of these limbs are looked at against each other
 
 Node = tuple[Stance, int]
 Step = tuple[Stance, int, Stance]

@@ -17,6 +17,7 @@ from crux_planner.search.schedule import TURN_SHARE
 
 Cell = tuple[int, ...]
 
+_SAME = 1e-9
 _ROUNDS = 40  # of looking for a path and at its links
 _EDGE_CELLS, _EDGE_COST = 3, 0.004  # poses so near the edge of a mask cost so much for each cell
 
@@ -49,38 +50,35 @@ def clear_path(problem: Problem, masks: PoseMasks, footing: Footing, schedule: S
         if cells is None:
             return None, last
         met = False
-        for k, cell in enumerate(cells, start=1):
+        for k, cell in enumerate(cells, start=2):
             here = np.zeros_like(knots[k])
             here[cell] = True
             if not masks.apart(here, grippers[k]).any():
-                near = grown(grown(here)) & knots[k]
-                knots[k] = knots[k] & ~near | masks.apart(near, grippers[k])
+                knots[k] = masks.apart(knots[k], grippers[k])
                 met = True
         if not met:
             poses = [(*masks.grid.pose(cell)[0], masks.grid.pose(cell)[1][2]) for cell in cells]
             begin = (*problem.start.position_m, 0.0)
-            return np.array([begin, begin, *poses[1:]]), last
+            return np.array([begin, begin, *poses]), last
     return None, last
 
 
 def pose_path(problem: Problem, masks: PoseMasks, knots: list[Flags]) -> tuple[list[Cell] | None, int]:
-    """The cells of knots 1..N on the cheapest way by J; or None and the knot at which there is no way on."""
+    """The cells of knots 2..N on the cheapest way by J, the body at the start until knot 1; or None and the knot at
+    which there is no way on.
+    """
     grid, weights, last = masks.grid, problem.weights, len(knots) - 1
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
-    axes = [(0, grid.yaw_rad, TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s)]
-    axes += [(axis, values, step) for axis, values in ((3, grid.z_m), (4, grid.x_m), (5, grid.y_m))]
-    spaced = [(axis, float(nodes[1] - nodes[0]), most) for axis, nodes, most in axes if len(nodes) > 1]
-    moving = [(axis, gap, int(np.floor(most / gap + 1e-9))) for axis, gap, most in spaced]
+    most = (TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s, 0.0, 0.0, step, step, step)
     price = weights.velocity / problem.dt_s**2
     place, goal = np.ix_(*grid.axes), problem.goal.body
     off = [(place[i + 3] - goal.position_m[j]) ** 2 for i, j in ((0, 2), (1, 0), (2, 1))]
     here = weights.orientation * (place[0] - goal.rpy_rad[2]) ** 2 + weights.position * (off[0] + off[1] + off[2])
-    value = np.where(masks.goal & knots[last], 0.0, np.inf)
-    values = [value]
-    for k in range(last - 1, 0, -1):
-        best = value
-        for axis, gap, cells in moving:
-            best = _best_neighbour(best, axis, cells, price * gap**2)
+    values = [np.where(masks.goal & knots[last], 0.0, np.inf)]
+    for k in range(last - 1, 1, -1):
+        best = values[-1]
+        for axis, nodes in enumerate(grid.axes):
+            best = _best_neighbour(best, axis, nodes, most[axis], price)
         value, outside = np.where(knots[k], best + here, np.inf), ~knots[k]
         for _ in range(_EDGE_CELLS):
             outside = grown(outside)
@@ -88,36 +86,31 @@ def pose_path(problem: Problem, masks: PoseMasks, knots: list[Flags]) -> tuple[l
         values.append(value)
         if not np.isfinite(value).any():
             return None, k
-    values = values[::-1]  # of knots 1..N
-    first = np.where(masks.start, values[0], np.inf)
-    if not np.isfinite(first).any():
-        return None, 0
-    cell = _unravelled(int(np.argmin(first)), first.shape)
-    path = [cell]
-    for value in values[1:]:
-        window = [slice(i, i + 1) for i in cell]
-        for axis, _, cells in moving:
-            window[axis] = slice(max(0, cell[axis] - cells), cell[axis] + cells + 1)
-        local = value[tuple(window)].copy()
-        for axis, gap, _ in moving:
-            away = (np.arange(window[axis].start, window[axis].start + local.shape[axis]) - cell[axis]) * gap
-            local += price * away.reshape([-1 if i == axis else 1 for i in range(6)]) ** 2
-        found = _unravelled(int(np.argmin(local)), local.shape)
-        cell = tuple(i + part.start for i, part in zip(found, window, strict=True))
-        path.append(cell)
+    at, path = (0.0, 0.0, 0.0, *problem.start.position_m[[2, 0, 1]]), list[Cell]()
+    for value in reversed(values):
+        near = [np.flatnonzero(np.abs(axis - p) <= m + _SAME) for axis, p, m in zip(grid.axes, at, most, strict=True)]
+        if not all(len(each) for each in near):
+            return None, 1
+        ways = np.ix_(*[price * (axis[i] - p) ** 2 for axis, i, p in zip(grid.axes, near, at, strict=True)])
+        local = value[np.ix_(*near)] + sum(ways)
+        if not np.isfinite(local).any():
+            return None, 1
+        found = np.unravel_index(int(np.argmin(local)), local.shape)
+        path.append(tuple(int(each[i]) for each, i in zip(near, found, strict=True)))
+        at = tuple(float(axis[i]) for axis, i in zip(grid.axes, path[-1], strict=True))
     return path, last
 
 
-def _best_neighbour(value: Array, axis: int, cells: int, price: float) -> Array:
-    """The least of each cell's neighbours along an axis, `price` times the square of their distance in cells added."""
-    out = value.copy()
-    for away in range(1, cells + 1):
-        near, far = ([slice(None)] * 6 for _ in range(2))
+def _best_neighbour(value: Array, axis: int, nodes: Array, most: float, price: float) -> Array:
+    """The least of each cell's neighbours along an axis, up to `most` off, `price` times the square of their distance
+    added.
+    """
+    if len(nodes) == 1:
+        return value
+    out, gap = value.copy(), float(nodes[1] - nodes[0])
+    for away in range(1, int(np.floor((most + _SAME) / gap)) + 1):
+        near, far = ([slice(None)] * value.ndim for _ in range(2))
         near[axis], far[axis] = slice(None, -away), slice(away, None)
         for to, of in ((tuple(near), tuple(far)), (tuple(far), tuple(near))):
-            np.minimum(out[to], value[of] + price * away**2, out=out[to])
+            np.minimum(out[to], value[of] + price * (away * gap) ** 2, out=out[to])
     return out
-
-
-def _unravelled(index: int, shape: tuple[int, ...]) -> Cell:
-    return tuple(map(int, np.unravel_index(index, shape)))

@@ -34,6 +34,7 @@ _SOFT = 1e-4  # sin^2 of joint 3 below which the elbow is rounded off, so that i
 _OFF_TRUNK_M = 0.0045  # of links: half as much again as the check asks for
 _NEAR_TRUNK_M = 0.15  # links farther off it need no plane
 _ALONG = np.linspace(0.0, 1.0, 17)  # samples of a link
+_DAMPING = 10.0
 _PATH_YAW_RAD_M = 3.0  # heading that counts as a metre where the body keeps near its first path
 _MOVES = [0, 1, 5]  # states of the body that follow the path: x, y, yaw
 
@@ -65,6 +66,12 @@ class JointFunctions(StageFunctions):
         """The same functions with other limits."""
         other = copy(self)
         other.__dict__["limits"] = limits
+        return other
+
+    def damped(self) -> JointFunctions:
+        """The same with damped steps, for what does not converge without."""
+        other = copy(self)
+        other.__dict__["damping"] = _DAMPING
         return other
 
     @cached_property

@@ -206,7 +206,7 @@ class StageProblem:
         body_cost, body_slope, body_hessian = f.body_cost(body)
         column_cost, column_slope, column_hessian = f.column_cost(flat)
         body_hessian[:-1] += step_hessian
-        body_hessian[1:, :POSE, :POSE] -= reach_hessian
+        body_hessian[1:, :POSE, :POSE] += f.damping * np.eye(POSE) - reach_hessian
         column_hessian = (column_hessian - surface_hessian).reshape(n, 4, COLUMN, COLUMN)
         column_slope = column_slope.reshape(n, 4, COLUMN)
         column_slope[..., :3] += 2 * SPINE_WEIGHT * self.by_spines[..., None] * columns[..., :3]
