@@ -3,6 +3,7 @@ plan's own clock within the speed limits, and the planned wrenches are held with
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,8 @@ def check_kinematics(
             ):
                 # a pose out of reach is reported once, as such
                 applies = np.where(reached, amount, -np.inf)
-                findings.add_series(constraint, applies, times, unit, tolerance=tolerance, limb=index, detail=name)
+                where: dict[str, Any] = {"tolerance": tolerance, "limb": index, "detail": name, "joint": j}
+                findings.add_series(constraint, applies, times, unit, **where)
             peak, rms, fastest = float(size[:, j].max()), float(np.sqrt(mean_square[j])), float(speed[:, j].max())
             torques = peak, rms, joint.effort, float(continuous_Nm[j])
             loads.append(JointLoad(limb.name, name, *torques, fastest, joint.velocity))

@@ -20,6 +20,7 @@ class Violation:
 
     `amount` is how far the limit is exceeded in `unit`, negative where there is slack. `limb` and `finger` (1 or 2)
     are None where the constraint belongs to the whole robot; `time_s` is None where it belongs to the whole plan.
+    `joint` (0..5) is the number of the limb's joint, where it is about one.
     """
 
     constraint: str
@@ -29,6 +30,7 @@ class Violation:
     amount: float
     unit: str
     detail: str = ""
+    joint: int | None = None
 
 
 @dataclass(frozen=True)
@@ -135,13 +137,14 @@ class Findings:
         finger: int | None = None,
         time_s: float | None = None,
         detail: str = "",
+        joint: int | None = None,
     ) -> None:
         """Record one residual; its tolerance is its unit's where none is given. NaN counts as UNBOUNDED."""
         tolerance = tolerances.OF_UNIT.get(unit, 0.0) if tolerance is None else tolerance
         value = UNBOUNDED if np.isnan(amount) else float(np.clip(amount, -UNBOUNDED, UNBOUNDED))
         name = None if limb is None else LIMB_NAMES[limb]
         when = None if time_s is None else float(time_s)
-        entry = Violation(constraint, name, finger, when, value, unit, detail)
+        entry = Violation(constraint, name, finger, when, value, unit, detail, joint)
         rank = value - tolerance if tolerance == 0.0 else value / tolerance
         if constraint not in self._worst or rank > self._worst[constraint][0]:
             self._worst[constraint] = (rank, entry)
@@ -159,6 +162,7 @@ class Findings:
         limb: int | None = None,
         finger: int | None = None,
         detail: str = "",
+        joint: int | None = None,
     ) -> None:
         """Record residuals over time, shapes (T,) and (T,). Every unbroken run above tolerance gives one violation, at
         its worst moment, the first of equals; a series without any gives one entry for `worst`. Entries of -inf mean
@@ -174,7 +178,13 @@ class Findings:
         if values[picks[0]] > tolerance:
             edges = np.flatnonzero(np.diff(np.concatenate(([False], values > tolerance, [False])).astype(np.int8)))
             picks = [a + _first_of_the_worst(values[a:b]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-        where: dict[str, Any] = {"tolerance": tolerance, "limb": limb, "finger": finger, "detail": detail}
+        where: dict[str, Any] = {
+            "tolerance": tolerance,
+            "limb": limb,
+            "finger": finger,
+            "detail": detail,
+            "joint": joint,
+        }
         for i in picks:
             self.add(constraint, float(amounts[i]), unit, time_s=float(times_s[i]), **where)
 

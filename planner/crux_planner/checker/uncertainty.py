@@ -9,6 +9,7 @@ may be beyond what can happen.
 
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -54,8 +55,9 @@ def check_uncertainty(
         for finger in (0, 1):
             excess = np.where(bears[limb], surface[finger, limb], -np.inf)
             findings.add_series("limit_surface_uncertain", excess, samples.time_s, "N", limb=limb, finger=finger + 1)
-        for joint, lacks in zip(model.limbs[limb].joints, torque[limb].T, strict=True):
-            findings.add_series("joint_torque_uncertain", lacks, samples.time_s, "N m", limb=limb, detail=joint.name)
+        for j, (joint, lacks) in enumerate(zip(model.limbs[limb].joints, torque[limb].T, strict=True)):
+            where: dict[str, Any] = {"limb": limb, "detail": joint.name, "joint": j}
+            findings.add_series("joint_torque_uncertain", lacks, samples.time_s, "N m", **where)
     _check_reach(samples, known, model, plan.gravity_w, continuous_Nm, findings)
 
 

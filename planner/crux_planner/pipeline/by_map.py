@@ -2,8 +2,9 @@
 
 Stances come from `MapSearch`, the body's path over the knots from dynamic programming over the same maps on a finer
 grid, and the exact P1 has the joint limits themselves for (9a). What the check refuses is learnt: joints that come too
-near to their limits between two knots get more margin, limbs that come too near to each other keep the body near the
-map's path, and a move that no path or plan goes with is left out of the next way.
+near to their limits between two knots get more margin, and limbs that come too near to each other more clearance; if
+that does not help, the body keeps near the map's path. A move that no path or plan goes with is left out of the next
+way.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about
 from crux_planner.search.pose_path import clear_path
 from crux_planner.search.schedule import at_knots
 from crux_planner.trajectory.exact import solve_within_torques
-from crux_planner.trajectory.joint_rows import JointFunctions, JointLimits
+from crux_planner.trajectory.joint_rows import ELBOW, JointFunctions, JointLimits
 from crux_planner.trajectory.solution import Start, start_from_path
 
 COARSE = (0.02, 0.07, 0.22, 0.21)  # grid of the search: steps [m, rad], and how far it goes around start and goal
@@ -39,6 +40,9 @@ HALVES_M = (0.01, 0.02, 0.04, 0.08)  # how far the first solution may be off the
 ROUNDS = 6  # of the exact P1 and its check
 LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 _MORE_RAD = 0.01  # beyond what the check misses
+_MORE_M, _MOST_APART_M = 0.002, 0.012  # of links: beyond what the check misses, and from where the path is kept to
+_ANSWERED = ("joint_position", "inverse_kinematics", "clearance_limbs")
+_STRETCHED_RAD = 0.05  # off a straight elbow where the check finds a gripper beyond reach
 _NEAR_M = 0.02  # of the map's path, where links come too near to each other; a quarter of it the second time
 
 
@@ -140,6 +144,8 @@ class _ByMap:
                 report = check_plan(message, session.robot)
             if report.ok:
                 return PlanResult.of(message, report, solution, schedule.gait, work)
+            if any(each.constraint == "clearance_limbs" for each in report.violations):
+                limits = self.functions.nearer(schedule, solution.body)
             answer, others = _answered(limits, report, problem.dt_s)
             again = (answer.near_m != limits.near_m).any()
             easier = _easier(problem, replace(report, violations=others), schedule, solution.body) if others else None
@@ -162,21 +168,24 @@ def _schedule(problem: Problem, climb: Climb, moves: list[Move], swings: Array) 
 
 def _answered(limits: JointLimits, report: CheckReport, dt_s: float) -> tuple[JointLimits, list[Violation]]:
     """Limits under which joints and links may pass, and the violations that limits do not answer."""
-    others, margin_rad, near_m = [], limits.margin_rad.copy(), limits.near_m.copy()
+    others, margin_rad, apart_m, near_m = [], limits.margin_rad.copy(), limits.apart_m.copy(), limits.near_m.copy()
     for each in report.violations:
-        if each.time_s is None or each.constraint not in ("joint_position", "clearance_limbs"):
+        if each.time_s is None or each.constraint not in _ANSWERED:
             others.append(each)
             continue
         k = int(each.time_s / dt_s)
-        if each.constraint == "joint_position":
-            at = slice(k, k + 2)
-            margin_rad[at, LIMB_NAMES.index(each.limb or ""), int(each.detail[-1]) - 1] += each.amount + _MORE_RAD
+        if each.constraint == "clearance_limbs":
+            about, at = slice(max(0, k - 2), k + 4), slice(k, k + 2)
+            if (limits.apart_m[at] < _MOST_APART_M).all():
+                apart_m[at] = np.maximum(apart_m[at], limits.apart_m[at] + each.amount + _MORE_M)
+                continue
+            if (limits.near_m[about] < _NEAR_M).all():
+                others.append(each)
+            near_m[about] = np.minimum(near_m[about], np.where(np.isfinite(limits.near_m[about]), _NEAR_M / 4, _NEAR_M))
             continue
-        at = slice(max(0, k - 2), k + 4)
-        if (limits.near_m[at] < _NEAR_M).all():
-            others.append(each)
-        near_m[at] = np.minimum(near_m[at], np.where(np.isfinite(limits.near_m[at]), _NEAR_M / 4, _NEAR_M))
-    return replace(limits, margin_rad=margin_rad, near_m=near_m), others
+        joint, lacking_rad = (each.joint, each.amount) if each.joint is not None else (ELBOW, _STRETCHED_RAD)
+        margin_rad[k : k + 2, LIMB_NAMES.index(each.limb or ""), joint] += lacking_rad + _MORE_RAD
+    return replace(limits, margin_rad=margin_rad, apart_m=apart_m, near_m=near_m), others
 
 
 def _easier(problem: Problem, report: CheckReport, schedule: Schedule, body: Array) -> Problem | None:

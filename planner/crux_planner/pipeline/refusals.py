@@ -91,12 +91,11 @@ def eased(problem: Problem, report: CheckReport) -> Problem | None:
         if violation.constraint == _UNCERTAIN:
             reserve_N = max(reserve_N, problem.surface_reserve_N + _MORE_RESERVE * violation.amount)
             continue
-        if violation.constraint not in _TORQUES or violation.limb is None:
+        if violation.constraint not in _TORQUES or violation.limb is None or violation.joint is None:
             return None
-        limb = LIMB_NAMES.index(violation.limb)
-        peaks = {load.joint: load.peak_torque_Nm for load in report.joints if load.limb == violation.limb}
-        joint = list(peaks).index(violation.detail)
-        planned = min(problem.torque_limits_Nm[limb, joint], peaks[violation.detail])
+        limb, joint = LIMB_NAMES.index(violation.limb), violation.joint
+        peaks = [load.peak_torque_Nm for load in report.joints if load.limb == violation.limb]
+        planned = min(problem.torque_limits_Nm[limb, joint], peaks[joint])
         allowed = planned - max(_MORE * violation.amount, _LEAST_EASED * planned)
         if allowed <= 0.0:
             return None

@@ -28,14 +28,19 @@ def gap_m(first: Links, second: Links, some: Indices | slice = slice(None)) -> A
 
 def segment_to_segment(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
     """Distance (...) of segments a0 to a1 and b0 to b1, points (..., 3) that broadcast. A point is a segment, too."""
+    away = way_between(a0, a1, b0, b1)
+    return np.asarray(np.sqrt((away * away).sum(axis=-1)))
+
+
+def way_between(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
+    """The shortest way (..., 3) from the second segment to the first."""
     u, v, off = a1 - a0, b1 - b0, a0 - b0
     uu, vv, uv = (u * u).sum(axis=-1), (v * v).sum(axis=-1), (u * v).sum(axis=-1)
     uo, vo = (u * off).sum(axis=-1), (v * off).sum(axis=-1)
     s = np.clip(_ratio(uv * vo - uo * vv, uu * vv - uv * uv), 0.0, 1.0)
     t = np.clip(_ratio(uv * s + vo, vv), 0.0, 1.0)
     s = np.clip(_ratio(uv * t - uo, uu), 0.0, 1.0)
-    away = off + s[..., None] * u - t[..., None] * v
-    return np.asarray(np.sqrt((away * away).sum(axis=-1)))
+    return np.asarray(off + s[..., None] * u - t[..., None] * v)
 
 
 def _ratio(part: Array, whole: Array) -> Array:

@@ -2,14 +2,14 @@
 
 Rows of a limb, of the body's pose and an upright gripper's: joint 1, joint 2, the cosine of joint 3 (the wrist's
 distance: it is defined beyond reach, too), joint 4, the sine of joint 5, and joint 6, not wrapped. They are smooth
-wherever the wrist is not above the shoulder. Further rows keep the ends of the links' capsules on one side of planes,
-which separate them from the trunk at the body's first path.
+wherever the wrist is not above the shoulder. Further rows keep links off the trunk and off other limbs' by planes
+(`link_planes`) that separate them on the body's first path.
 """
 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,22 +18,17 @@ import numpy as np
 from crux_contracts.robot import Limb
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import body_bounds
 from crux_planner.physics.dynamics import rotation
 from crux_planner.reach.arm import ArmReach
-from crux_planner.reach.poses import GripperPoses
-from crux_planner.reach.solids import Capsule
 from crux_planner.solvers.mapped import Mapped
+from crux_planner.trajectory.link_planes import OFF_M, Ends, Planes, farthest_clear, planes_about, unpacked
 from crux_planner.trajectory.stage_functions import POSE, StageFunctions
 
-JOINTS = 6
+JOINTS, ELBOW = 6, 2  # of a limb, and the number of the one that is straight in a stretched limb
 _SOFT = 1e-4  # sin^2 of joint 3 below which the elbow is rounded off, so that it is smooth beyond a stretched limb
-_OFF_TRUNK_M = 0.0045  # of links: half as much again as the check asks for
-_NEAR_TRUNK_M = 0.15  # links farther off it need no plane
-_ALONG = np.linspace(0.0, 1.0, 17)  # samples of a link
 _DAMPING = 10.0
 _PATH_YAW_RAD_M = 3.0  # heading that counts as a metre where the body keeps near its first path
 _MOVES = [0, 1, 5]  # states of the body that follow the path: x, y, yaw
@@ -45,12 +40,15 @@ class JointLimits:
 
     path: Array  # (N + 1, 12) body states on whose side of the trunk links stay
     margin_rad: Array  # (N + 1, 4, 6)
+    apart_m: Array  # (N + 1,) that links of two limbs keep off each other
     near_m: Array  # (N + 1,) how far the body may be from the path; infinite where it need not be near
 
     @classmethod
     def about(cls, path: Array, margin_rad: float) -> JointLimits:
         """One margin for all joints, the body nowhere bound to the path."""
-        return cls(path, np.full((len(path), 4, JOINTS), margin_rad), np.full(len(path), np.inf))
+        count = len(path)
+        margins = np.full((count, 4, JOINTS), margin_rad), np.full(count, OFF_M), np.full(count, np.inf)
+        return cls(path, *margins)
 
 
 @dataclass(frozen=True)
@@ -59,13 +57,14 @@ class JointFunctions(StageFunctions):
 
     reaches: tuple[ArmReach, ...]
     limits: JointLimits
+    _known: dict[int, tuple[Schedule, Planes]] = field(default_factory=dict)
 
     short_steps, most_iterations = 20, 120  # rows that bend make short steps
 
     def within(self, limits: JointLimits) -> JointFunctions:
         """The same functions with other limits."""
         other = copy(self)
-        other.__dict__["limits"] = limits
+        other.__dict__.update(limits=limits, _known={})
         return other
 
     def damped(self) -> JointFunctions:
@@ -75,33 +74,67 @@ class JointFunctions(StageFunctions):
         return other
 
     @cached_property
-    def reach(self) -> Mapped:
-        """As in StageFunctions; of grippers (n, 16) x, y, z and yaw, and then the planes' normals (n, 4, P, 3)."""
-        counts = [len(each.keep_off.links) for each in self.reaches]
-        x, hands, normals = (
-            ca.SX.sym(*each) for each in (("x", BODY_STATES), ("hands", 16), ("normals", 3 * sum(counts)))
-        )
-        rows, planes = [], iter(ca.vertsplit(normals, 3))
+    def ends(self) -> Ends:
+        """Of the limbs' capsules."""
+        return Ends(self.reaches)
+
+    @cached_property
+    def _placed(self) -> Mapped:
+        """Joints' rows (24,) and the ends' places, one after the other, with derivatives, at (n, 12), hands (n, 16) and
+        multipliers.
+        """
+        x, hands = ca.SX.sym("x", BODY_STATES), ca.SX.sym("hands", 16)
+        joints, places = [], []
         for i, reach in enumerate(self.reaches):
-            joints, frames = _posture(reach.limb, x[0:3], x[3:6], hands[4 * i : 4 * i + 4])
-            rows.append(joints)
-            for capsule in reach.keep_off.links:
-                normal, (origin, *axes) = next(planes), frames[capsule.frame]
-                for end in _ends(capsule):
-                    rows.append(
-                        ca.dot(normal, origin + sum(float(e) * axis for e, axis in zip(end, axes, strict=True)))
-                    )
-        rows = ca.vertcat(*rows)
+            angles, frames = _posture(reach.limb, x[0:3], x[3:6], hands[4 * i : 4 * i + 4])
+            joints.append(angles)
+            for frame, place in self.ends.of_limb[i]:
+                origin, *axes = frames[frame]
+                places.append(origin + sum(float(p) * axis for p, axis in zip(place, axes, strict=True)))
+        rows = ca.vertcat(*joints, *places)
         multiplier = ca.SX.sym("z", rows.size1())
         hessian = ca.hessian(ca.dot(multiplier, rows), x)[0][:POSE, :POSE]
-        given = [x, ca.vertcat(hands, normals), multiplier]
-        return Mapped("joints", given, [rows, ca.jacobian(rows, x)[:, :POSE], hessian])
+        return Mapped("joints", [x, hands, multiplier], [rows, ca.jacobian(rows, x)[:, :POSE], hessian])
+
+    def reach(self, body: Array, grippers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
+        """As in StageFunctions; of `grippers`: hands (n, 16) x, y, z and yaw, and planes as `packed`."""
+        knots, first = len(body), 4 * JOINTS
+        normals, one, other = unpacked(grippers[:, 16:])
+        at, count = np.arange(knots)[:, None], self.ends.count
+        weighed = normals * multiplier[:, first:, None]
+        on_ends = np.zeros((knots, count + 1, 3))
+        np.add.at(on_ends, (at, one), weighed)
+        np.add.at(on_ends, (at, other), -weighed)
+        given = np.concatenate([multiplier[:, :first], on_ends[:, :count].reshape(knots, -1)], axis=1)
+        values, slopes, hessian = self._placed(body, grippers[:, :16], given)
+        places, moved = np.zeros((knots, count + 1, 3)), np.zeros((knots, count + 1, 3, POSE))
+        places[:, :count] = values[:, first:].reshape(knots, count, 3)
+        moved[:, :count] = slopes[:, first:].reshape(knots, count, 3, POSE)
+        off = ((places[at, one] - places[at, other]) * normals).sum(axis=-1)
+        turned = np.einsum("kri,krij->krj", normals, moved[at, one] - moved[at, other])
+        rows = np.concatenate([values[:, :first], off], axis=1)
+        return rows, np.concatenate([slopes[:, :first], turned], axis=1), hessian
+
+    def planes(self, schedule: Schedule) -> Planes:
+        """At knots 1..N, about the body's first path."""
+        known = self._known.get(id(schedule))
+        if known is None or known[0] is not schedule:
+            hands, limits = schedule.poses[1:, :, :4], self.limits
+            known = schedule, planes_about(self.ends, limits.path[1:, :POSE], hands, limits.apart_m[1:])
+            self._known[id(schedule)] = known
+        return known[1]
+
+    def nearer(self, schedule: Schedule, body: Array) -> JointLimits:
+        """The limits with planes about poses as near to those of a body (N + 1, 12) as links are off each other."""
+        path, limits = self.limits.path.copy(), self.limits
+        given = path[:, :POSE], body[:, :POSE], schedule.poses[:, :, :4], limits.apart_m
+        path[:, :POSE] = farthest_clear(self.reaches, *given)
+        return replace(limits, path=path)
 
     def grippers(self, schedule: Schedule) -> Array:
-        """(N, 16 + 12 P) of knots 1..N."""
+        """(N, 16 + 5 R) of knots 1..N."""
         hands = schedule.poses[1:, :, :4]
-        normals = [self._planes(hands[:, limb], reach)[0] for limb, reach in enumerate(self.reaches)]
-        return np.concatenate([each.reshape(len(hands), -1) for each in (hands, *normals)], axis=1)
+        return np.concatenate([hands.reshape(len(hands), -1), self.planes(schedule).packed], axis=1)
 
     def body_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
         """As usual, and near the path at knots at which limbs would be in each other's way elsewhere."""
@@ -117,14 +150,10 @@ class JointFunctions(StageFunctions):
 
     def reach_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
         """(N, m). Until the first lift-off, limbs count as reaching as far as they do at the start."""
-        n, lows, highs = problem.steps, [], []
-        for limb, reach in enumerate(self.reaches):
-            low, high = _limits(reach.limb, self.limits.margin_rad[1:, limb])
-            ends = [len(_ends(capsule)) for capsule in reach.keep_off.links]
-            least = np.repeat(self._planes(schedule.poses[1:, limb, :4], reach)[1], ends, axis=1)
-            lows += [low, least]
-            highs += [high, np.full(least.shape, np.inf)]
-        low, high = (np.concatenate(each, axis=1) for each in (lows, highs))
+        n, least = problem.steps, self.planes(schedule).least
+        ranges = [_limits(reach.limb, self.limits.margin_rad[1:, limb]) for limb, reach in enumerate(self.reaches)]
+        low = np.concatenate([*(each[0] for each in ranges), least], axis=1)
+        high = np.concatenate([*(each[1] for each in ranges), np.full(least.shape, np.inf)], axis=1)
         moved = (schedule.poses[:, :, :3] != schedule.poses[0, :, :3]).any(axis=(1, 2))
         lift_off = int(np.argmax(moved)) - 1 if moved.any() else n
         begun = slice(max(lift_off - 1, 1))
@@ -133,34 +162,6 @@ class JointFunctions(StageFunctions):
         begin = self.reach(np.tile(state, (len(grippers), 1)), grippers, np.zeros((len(grippers), low.shape[1])))[0]
         low[begun], high[begun] = np.minimum(low[begun], begin), np.maximum(high[begun], begin)
         return low, high
-
-    def _planes(self, hands: Array, reach: ArmReach) -> tuple[Array, Array]:
-        """Normals (N, P, 3) in the body frame, at knots 1..N, of planes between the trunk and the limb's capsules on
-        the path, and how far along them the ends of the capsules are at least, (N, P); -inf where they are far off.
-        """
-        path = self.limits.path[1:]
-        turn = rotation_from_rpy(path[:, 3:6])
-        back = np.swapaxes(turn, 1, 2)
-        place = (back @ (hands[:, :3] - path[:, :3])[..., None])[..., 0]
-        links = reach.links(GripperPoses.of(place, back @ rotation_z(hands[:, 3])))
-        count = len(reach.keep_off.links)
-        start, end, radius = links.start_m[:, :count], links.end_m[:, :count], links.radius_m[:count]
-        points = start[:, :, None] + _ALONG[:, None] * (end - start)[:, :, None]
-        normals, least = np.zeros((len(path), count, 3)), np.full((len(path), count), -np.inf)
-        nearest = np.full(least.shape, _NEAR_TRUNK_M)
-        for box in reach.keep_off.trunk:
-            seen = (points - box.centre_m) @ box.rotation
-            off = seen - np.clip(seen, -box.half_m, box.half_m)
-            gap = np.linalg.norm(off, axis=-1)
-            which = np.argmin(gap, axis=-1)[..., None]
-            gap = np.take_along_axis(gap, which, axis=-1)[..., 0]
-            away = np.take_along_axis(off, which[..., None], axis=2)[:, :, 0] / np.maximum(gap, 1e-9)[..., None]
-            normal = away @ box.rotation.T
-            border = normal @ box.centre_m + np.abs(away) @ box.half_m + radius + _OFF_TRUNK_M
-            here = np.minimum(*((each * normal).sum(axis=-1) for each in (start, end)))
-            near = (gap > 0.0) & (gap < nearest)
-            normals[near], least[near], nearest[near] = normal[near], np.minimum(border, here)[near], gap[near]
-        return normals, least
 
 
 def _posture(limb: Limb, r: Any, theta: Any, hand: Any) -> tuple[Any, list[tuple[Any, Any, Any, Any]]]:
@@ -201,6 +202,7 @@ def _posture(limb: Limb, r: Any, theta: Any, hand: Any) -> tuple[Any, list[tuple
         (shoulder + wrist, rolled, side, ca.cross(rolled, side)),
         (shoulder + wrist, rolled, tilted, ca.cross(rolled, tilted)),
         (place, along, across, up),
+        (shoulder, ca.vertcat(ca_, sa, 0), side, ca.DM([0, 0, 1])),
     ]
     return ca.vertcat(q1, q2, c3, q4, -ca.dot(side, up), q6), frames
 
@@ -211,9 +213,3 @@ def _limits(limb: Limb, margin_rad: Array) -> tuple[Array, Array]:
     low[:, 2], high[:, 2] = np.cos(high[:, 2]), np.cos(low[:, 2])
     low[:, 4], high[:, 4] = np.sin(low[:, 4]), np.sin(high[:, 4])
     return low, high
-
-
-def _ends(capsule: Capsule) -> list[Array]:
-    """One of a ball."""
-    same = (capsule.start_m == capsule.end_m).all()
-    return [capsule.start_m] if same else [capsule.start_m, capsule.end_m]

@@ -88,11 +88,6 @@ class StageFunctions:
         return found
 
     @property
-    def reach_rows(self) -> int:
-        """m of `reach`."""
-        return int(self.reach.function.size1_out(0))
-
-    @property
     def surface_rows(self) -> int:
         """m of `surface`."""
         return int(self.surface.function.size1_out(0))

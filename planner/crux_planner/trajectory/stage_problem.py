@@ -81,6 +81,7 @@ class StageProblem:
         self.pinned = fixed[-1].astype(float)
         body_low, body_high = np.where(fixed, -np.inf, low)[1:], np.where(fixed, np.inf, high)[1:]
         reach_low, reach_high = self.functions.reach_bounds(problem, schedule)
+        self._reach_rows = reach_low.shape[1]
         column_low, column_high = self._column_bounds(contacts)
         self.fixed: Flags = column_low >= column_high
         self.fixed_value = np.where(self.fixed, column_low, 0.0)
@@ -159,7 +160,7 @@ class StageProblem:
         n, parts = self.knots, np.split(rows, self._ends)
         shapes = [
             (n, BODY_STATES),
-            (n, self.functions.reach_rows),
+            (n, self._reach_rows),
             (n, 4, COLUMN),
             (n, 4, self.functions.surface_rows),
             (-1, INTERVAL_TORQUES),

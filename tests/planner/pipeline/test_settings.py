@@ -118,7 +118,7 @@ def test_only_the_joints_that_lack_torque_are_eased_and_none_that_has_nothing_to
     loads = [JointLoad("RF", f"RF_joint{j}", 5.0, 1.0, 6.0, 1.0, 0.0, 1.0) for j in range(1, 7)]
 
     def lacking(amount: float, constraint: str = "joint_torque_shared") -> CheckReport:
-        said = Violation(constraint, "RF", None, 4.0, amount, "N m", "RF_joint2")
+        said = Violation(constraint, "RF", None, 4.0, amount, "N m", "RF_joint2", joint=1)
         return CheckReport(violations=[said], joints=loads)
 
     less = eased(problem, lacking(0.4))

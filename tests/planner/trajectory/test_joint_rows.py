@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot, load_robot
-from crux_planner.model.arrays import Array
+from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import BODY_STATES
@@ -15,6 +15,7 @@ from crux_planner.reach.arm import reaches_of
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.solids import gap_m
 from crux_planner.trajectory.joint_rows import JOINTS, JointFunctions, JointLimits
+from crux_planner.trajectory.link_planes import OFF_M, Planes, _off_trunk, planes_about
 from reach.pinocchio_limb import PinocchioLimb
 from walls import scenario, two_rows
 
@@ -28,13 +29,18 @@ def functions() -> JointFunctions:
     return JointFunctions(problem, reaches_of(robot), JointLimits.about(np.zeros((2, BODY_STATES)), 0.0))
 
 
+@lru_cache
+def pinocchio(limb: int) -> PinocchioLimb:
+    return PinocchioLimb(load_robot("scaler"), limb)
+
+
 def drawn(robot: Robot, random: np.random.Generator) -> tuple[Array, Array, Array]:
     """A body state, hands (16,) and joint angles (4, 6) that belong to each other."""
     state = np.zeros(BODY_STATES)
     state[:6] = random.uniform(-1.0, 1.0, 6) * [0.5, 0.5, 0.05, TILT_RAD, TILT_RAD, 0.6]
     hands, angles = [], []
     for limb in range(4):
-        other, part = PinocchioLimb(robot, limb), robot.limbs[limb]
+        other, part = pinocchio(limb), robot.limbs[limb]
         while True:
             q = other.upright(random.uniform(part.lower_rad, part.upper_rad), state[3:5])
             wrist, _ = other.wrist(q)
@@ -49,46 +55,52 @@ def drawn(robot: Robot, random: np.random.Generator) -> tuple[Array, Array, Arra
     return state, np.array(hands).ravel(), np.array(angles)
 
 
-def rows_at(state: Array, hands: Array, normals: Array) -> Array:
-    f = functions()
-    given = np.concatenate([hands, normals])[None]
-    return np.asarray(f.reach(state[None], given, np.zeros((1, f.reach_rows)))[0][0])
+def rows_at(state: Array, hands: Array, planes: Planes) -> Array:
+    """(24 + R,)"""
+    f, given = functions(), np.concatenate([hands[None], planes.packed], axis=1)
+    count = 4 * JOINTS + planes.least.shape[1]
+    return np.asarray(f.reach(state[None], given, np.zeros((1, count)))[0][0])
 
 
-def normal_count() -> int:
-    return 3 * sum(len(each.keep_off.links) for each in functions().reaches)
+def planes(normals: Array, one: Indices, other: Indices) -> Planes:
+    """Of one knot."""
+    return Planes(normals[None], one[None], other[None], np.zeros((1, len(one))))
 
 
 def test_rows_are_the_angles_by_which_pinocchio_has_the_grippers_there(robot: Robot) -> None:
-    random, per_limb = np.random.default_rng(0), functions().reach_rows // 4
+    random, none = np.random.default_rng(0), np.zeros(0, dtype=int)
     for _ in range(25):
         state, hands, angles = drawn(robot, random)
-        found = rows_at(state, hands, np.zeros(normal_count())).reshape(4, per_limb)[:, :JOINTS]
+        found = rows_at(state, hands, planes(np.zeros((0, 3)), none, none)).reshape(4, JOINTS)
         wanted = angles.copy()
         wanted[:, 2], wanted[:, 4] = np.cos(angles[:, 2]), np.sin(angles[:, 4])
         np.testing.assert_allclose(found, wanted, atol=1e-6)
 
 
 def test_planes_have_the_ends_of_the_links_as_pinocchio_does(robot: Robot) -> None:
-    """Of a limb with a normal each along x, y and z: the capsules' ends, from the upper link to the palm."""
-    random, per_limb = np.random.default_rng(1), functions().reach_rows // 4
+    """Of a limb with a normal each along x, y and z: the capsules' ends, from the first link to the palm."""
+    random, ends = np.random.default_rng(1), functions().ends
     state, hands, angles = drawn(robot, random)
+    number, origin = np.arange(ends.count), np.full(ends.count, ends.count)
     along = [
-        rows_at(state, hands, np.tile(axis, normal_count() // 3)).reshape(4, per_limb)[:, JOINTS:] for axis in np.eye(3)
+        rows_at(state, hands, planes(np.tile(axis, (ends.count, 1)), number, origin))[4 * JOINTS :]
+        for axis in np.eye(3)
     ]
-    ends = np.stack(along, axis=-1)
+    found = np.stack(along, axis=-1)
     for limb in range(4):
-        capsules = PinocchioLimb(robot, limb).links_m(angles[limb])
-        for start, end, _ in capsules[:2]:
+        capsules = pinocchio(limb).links_m(angles[limb])
+        mine = found[[number for each in ends.numbers[limb] for number in each]]
+        for start, end, _ in (*capsules[:2], capsules[-1]):
             for wanted in (start, end):
-                assert np.linalg.norm(ends[limb] - wanted, axis=1).min() < 1e-6
+                assert np.linalg.norm(mine - wanted, axis=1).min() < 1e-6
 
 
 def test_derivatives_are_those_of_finite_differences(robot: Robot) -> None:
-    random, f = np.random.default_rng(2), functions()
+    random, f, step = np.random.default_rng(2), functions(), 1e-6
     state, hands, _ = drawn(robot, random)
-    normals, multiplier = random.normal(size=normal_count()), random.normal(size=f.reach_rows)
-    given, step = np.concatenate([hands, normals])[None], 1e-6
+    pairs = random.integers(f.ends.count + 1, size=(2, 40))
+    some = planes(random.normal(size=(40, 3)), *pairs)
+    given, multiplier = np.concatenate([hands[None], some.packed], axis=1), random.normal(size=4 * JOINTS + 40)
     _, slope, hessian = f.reach(state[None], given, multiplier[None])
     for axis in range(6):
         off = step * np.eye(BODY_STATES)[axis]
@@ -101,22 +113,56 @@ def test_derivatives_are_those_of_finite_differences(robot: Robot) -> None:
 @pytest.mark.parametrize("limb", range(4))
 def test_links_on_their_side_of_the_planes_are_off_the_trunk(robot: Robot, limb: int) -> None:
     """Planes of one pose from which the limb is in reach; poses about it that keep to them, and some that do not."""
-    random, f, reach = np.random.default_rng(limb), functions(), reaches_of(robot)[limb]
+    random, ends, reach = np.random.default_rng(limb), functions().ends, reaches_of(robot)[limb]
     kept = left = 0
     while kept < 200 or left < 20:
         state, hands, _ = drawn(robot, random)
         hand = hands.reshape(4, 4)[limb]
         if not reach.reaches(seen(state, hand)).all():
             continue
-        normals, least = f.within(JointLimits.about(np.tile(state, (2, 1)), 0.0))._planes(hand[None], reach)
+        rows = _off_trunk(ends, limb, reach.links(seen(state, hand)))
+        numbers, normals, least = [row[1] for row in rows], *(np.array([row[i][0] for row in rows]) for i in (0, 3))
+        some = np.isfinite(least)
         for _ in range(20):
             moved = state + np.append(random.uniform(-1.0, 1.0, 6) * [0.08, 0.08, 0.02, 0.05, 0.05, 0.2], np.zeros(6))
-            links, some = reach.links(seen(moved, hand)), np.isfinite(least[0])
-            ends = np.stack([links.start_m[0], links.end_m[0]])[:, : len(some)]
-            behind = ((ends * normals[0]).sum(axis=-1).min(axis=0) >= least[0])[some].all()
-            gaps = gap_m(reach.keep_off.trunk, *ends[:, some]) - links.radius_m[: len(some)][some]
-            assert not behind or gaps.min() >= 0.0045 - 1e-9
+            links = reach.links(seen(moved, hand))
+            origin = np.full(len(rows), ends.count)
+            along = rows_at(moved, hands, planes(normals, np.array(numbers), origin))[4 * JOINTS :]
+            behind = (along >= least)[some].all()
+            count = len(reach.keep_off.links)
+            near = [
+                any(np.isfinite(row[3][0]) and row[1] in ends.numbers[limb][i] for row in rows) for i in range(count)
+            ]
+            both = np.stack([links.start_m[0], links.end_m[0]])[:, :count][:, near]
+            gaps = gap_m(reach.keep_off.trunk, *both) - links.radius_m[:count][near]
+            assert not behind or gaps.min() >= OFF_M - 1e-9
             kept, left = kept + behind, left + (not behind)
+
+
+@pytest.mark.parametrize("pair", [(0, 2), (1, 3)])
+def test_links_on_their_sides_of_the_planes_are_off_each_other(robot: Robot, pair: tuple[int, int]) -> None:
+    """Planes of one pose of two limbs with links apart but near; poses about it that keep to them, and some that bring
+    links into each other.
+    """
+    random, f = np.random.default_rng(5), functions()
+    others, reaches = [pinocchio(limb) for limb in pair], [f.reaches[limb] for limb in pair]
+    kept = met = 0
+    while kept < 30 or met < 3:
+        state, hands, angles = drawn(robot, random)
+        gap = others[0].apart_m(angles[pair[0]], others[1], angles[pair[1]])
+        if not 0.006 < gap < 0.05:
+            continue
+        found = planes_about(f.ends, state[None, :6], hands.reshape(1, 4, 4), np.array([OFF_M]))
+        for _ in range(40):
+            moved = state + np.append(random.uniform(-1.0, 1.0, 6) * [0.06, 0.06, 0.02, 0.05, 0.05, 0.2], np.zeros(6))
+            poses = [seen(moved, hands.reshape(4, 4)[limb]) for limb in pair]
+            if not all(reach.reaches(pose).all() for reach, pose in zip(reaches, poses, strict=True)):
+                continue
+            one, two = (reach.angles(pose)[0] for reach, pose in zip(reaches, poses, strict=True))
+            now = others[0].apart_m(one, others[1], two)
+            behind = (rows_at(moved, hands, found)[4 * JOINTS :] >= found.least[0]).all()
+            assert not behind or now >= min(gap, OFF_M) - 1e-6
+            kept, met = kept + behind, met + (now <= 0.0)
 
 
 def seen(state: Array, hand: Array) -> GripperPoses:

@@ -1,0 +1,172 @@
+"""Planes that keep links off the trunk and off other limbs in the exact P1, about a path of the body.
+
+Links are capsules. A row says how far one end of a capsule is along a plane's normal, or how much farther one limb's
+end is than another's. Where all ends are on their side, the capsules are apart, whatever the normal: it comes from the
+places where they are nearest to each other on the path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.reach.arm import ArmReach
+from crux_planner.reach.between import gap_m, way_between
+from crux_planner.reach.poses import GripperPoses
+from crux_planner.reach.solids import HAND, Links
+
+OFF_M = 0.0045  # of links: half as much again as the check asks for
+_NEAR_TRUNK_M, _NEAR_LIMB_M = 0.15, 0.1  # links farther off need no plane
+_ALONG = np.linspace(0.0, 1.0, 17)  # samples of a link
+_SHARES = (0.2, 0.4, 0.6, 0.8, 0.9, 1.0)  # of the way from a path that are looked at
+_LEAST_WAY_M = 1e-6  # capsules whose axes meet have no plane between them
+
+
+@dataclass(frozen=True)
+class Planes:
+    """Of N knots, R rows each: normals (N, R, 3) in the body frame, numbers (N, R) of two ends, and how much farther
+    (N, R) the first end is along the normal than the second at least, -inf where there is no row. The number after all
+    ends' is that of the body's origin.
+    """
+
+    normals: Array
+    one: Indices
+    other: Indices
+    least: Array
+
+    @property
+    def packed(self) -> Array:
+        """(N, 5 R) without `least`."""
+        parts = self.normals.reshape(len(self.least), -1), self.one, self.other
+        return np.concatenate(parts, axis=1).astype(float)
+
+
+def unpacked(packed: Array) -> tuple[Array, Indices, Indices]:
+    """Normals (N, R, 3) and numbers (N, R), twice."""
+    rows = packed.shape[1] // 5
+    one, other = packed[:, 3 * rows : 4 * rows], packed[:, 4 * rows :]
+    return packed[:, : 3 * rows].reshape(len(packed), rows, 3), one.astype(int), other.astype(int)
+
+
+class Ends:
+    """Of all capsules of all limbs, numbered; a ball has one."""
+
+    def __init__(self, reaches: tuple[ArmReach, ...]) -> None:
+        self.reaches = reaches
+        self.of_limb: list[list[tuple[int, Array]]] = []
+        """Frame of the capsule, and place in it."""
+        self.numbers: list[list[list[int]]] = []
+        """Of each capsule's ends, limb by limb."""
+        self.count = 0
+        for reach in reaches:
+            mine: list[tuple[int, Array]] = []
+            numbers = []
+            for capsule in (*reach.keep_off.links, *reach.keep_off.first):
+                ball = bool((capsule.start_m == capsule.end_m).all())
+                ends = [capsule.start_m] if ball else [capsule.start_m, capsule.end_m]
+                numbers.append(list(range(self.count + len(mine), self.count + len(mine) + len(ends))))
+                mine += [(capsule.frame, end) for end in ends]
+            self.of_limb.append(mine)
+            self.numbers.append(numbers)
+            self.count += len(mine)
+
+
+def planes_about(ends: Ends, path: Array, hands: Array, apart_m: Array) -> Planes:
+    """For body poses (N, 6), grippers (N, 4, 4) x, y, z and yaw, and what limbs keep off each other (N,). No row asks
+    for more than the path has.
+    """
+    seen = _seen(path, hands)
+    links = [reach.links(each) for reach, each in zip(ends.reaches, seen, strict=True)]
+    rows: list[_Row] = []
+    for limb in range(len(links)):
+        rows += _off_trunk(ends, limb, links[limb])
+    for pair in combinations(range(len(links)), 2):
+        rows += _off_each_other(ends, pair, links, apart_m)
+    if not rows:
+        none = np.zeros((len(path), 0))
+        return Planes(none[..., None].repeat(3, axis=2), none.astype(int), none.astype(int), none)
+    normals, least = (np.stack([row[i] for row in rows], axis=1) for i in (0, 3))
+    numbers = [np.array([row[i] for row in rows]) for i in (1, 2)]
+    asked = np.isfinite(least)
+    order = np.argsort(~asked, axis=1, kind="stable")[:, : int(asked.sum(axis=1).max())]  # those asked for come first
+    normals = np.take_along_axis(normals, order[..., None], axis=1)
+    return Planes(normals, numbers[0][order], numbers[1][order], np.take_along_axis(least, order, axis=1))
+
+
+def farthest_clear(reaches: tuple[ArmReach, ...], path: Array, body: Array, hands: Array, apart_m: Array) -> Array:
+    """Of body poses (N, 6) on the straight way from a path's to others, the last of some at which links keep off the
+    trunk and off each other, which they do on the path.
+    """
+    found = path.copy()
+    for share in _SHARES:
+        poses = path + share * (body - path)
+        seen = _seen(poses, hands)
+        clear = np.logical_and.reduce([reach.off_trunk(each) for reach, each in zip(reaches, seen, strict=True)])
+        links = [reach.links(each) for reach, each in zip(reaches, seen, strict=True)]
+        for a, b in combinations(links, 2):
+            clear &= gap_m(a, b) >= apart_m
+        found[clear] = poses[clear]
+    return found
+
+
+def _seen(path: Array, hands: Array) -> list[GripperPoses]:
+    """The grippers as the body has them, limb by limb."""
+    turn = np.swapaxes(rotation_from_rpy(path[:, 3:6]), 1, 2)
+    places = [(turn @ (hands[:, limb, :3] - path[:, :3])[..., None])[..., 0] for limb in range(hands.shape[1])]
+    return [GripperPoses.of(place, turn @ rotation_z(hands[:, limb, 3])) for limb, place in enumerate(places)]
+
+
+_Row = tuple[Array, int, int, Array]
+"""Normals (N, 3), the ends' numbers, and least (N,)."""
+
+
+def _off_trunk(ends: Ends, limb: int, links: Links) -> list[_Row]:
+    """Of the links that do not turn on the trunk."""
+    reach = ends.reaches[limb]
+    count = len(reach.keep_off.links)
+    start, end, radius = links.start_m[:, :count], links.end_m[:, :count], links.radius_m[:count]
+    points = start[:, :, None] + _ALONG[:, None] * (end - start)[:, :, None]
+    normals, least = np.zeros((len(start), count, 3)), np.full((len(start), count), -np.inf)
+    nearest = np.full(least.shape, _NEAR_TRUNK_M)
+    for box in reach.keep_off.trunk:
+        seen = (points - box.centre_m) @ box.rotation
+        off = seen - np.clip(seen, -box.half_m, box.half_m)
+        gap = np.linalg.norm(off, axis=-1)
+        which = np.argmin(gap, axis=-1)[..., None]
+        gap = np.take_along_axis(gap, which, axis=-1)[..., 0]
+        away = np.take_along_axis(off, which[..., None], axis=2)[:, :, 0] / np.maximum(gap, 1e-9)[..., None]
+        normal = away @ box.rotation.T
+        border = normal @ box.centre_m + np.abs(away) @ box.half_m + radius + OFF_M
+        here = np.minimum(*((each * normal).sum(axis=-1) for each in (start, end)))
+        near = (gap > 0.0) & (gap < nearest)
+        normals[near], least[near], nearest[near] = normal[near], np.minimum(border, here)[near], gap[near]
+    numbers = ends.numbers[limb][:count]
+    return [(normals[:, i], end, ends.count, least[:, i]) for i, each in enumerate(numbers) for end in each]
+
+
+def _off_each_other(ends: Ends, pair: tuple[int, int], links: list[Links], apart_m: Array) -> list[_Row]:
+    """Of the links of two limbs."""
+    a, b = pair
+    first, second = links[a], links[b]
+    way = way_between(
+        first.start_m[:, :, None], first.end_m[:, :, None], second.start_m[:, None], second.end_m[:, None]
+    )
+    off = np.linalg.norm(way, axis=-1)
+    thick = first.radius_m[:, None] + second.radius_m
+    near: Flags = (off > _LEAST_WAY_M) & (off - thick < _NEAR_LIMB_M)
+    hands = [[c.frame == HAND for c in (*r.keep_off.links, *r.keep_off.first)] for r in (ends.reaches[i] for i in pair)]
+    near &= ~np.logical_and.outer(*hands)  # no body pose changes how far these are from each other
+    rows: list[_Row] = []
+    for i, j in np.argwhere(near.any(axis=0)).tolist():
+        normal = way[:, i, j] / np.maximum(off[:, i, j], _LEAST_WAY_M)[:, None]
+        along = [
+            ((one[:, i] - two[:, j]) * normal).sum(axis=1)
+            for one, two in product((first.start_m, first.end_m), (second.start_m, second.end_m))
+        ]
+        least = np.where(near[:, i, j], np.minimum(thick[i, j] + apart_m, np.min(along, axis=0)), -np.inf)
+        rows += [(normal, one, two, least) for one, two in product(ends.numbers[a][i], ends.numbers[b][j])]
+    return rows
