@@ -215,10 +215,10 @@ def check_torques(
     for index, (limb, motion) in enumerate(zip(robot.limbs, motions, strict=True)):
         torque = held_torque(limb, motion.state, samples, index, gravity_w)
         torques.append(np.where(motion.reached[:, None], np.abs(torque), 0.0))
-        for j, (joint, size) in enumerate(zip(limb.joints, torques[-1].T, strict=True)):
+        for number, (joint, size) in enumerate(zip(limb.joints, torques[-1].T, strict=True)):
             beyond = np.where(motion.reached, size - joint.effort, -np.inf)
             where: dict[str, Any] = {"tolerance": tolerances.TORQUE_NM, "limb": index, "detail": joint.name}
-            findings.add_series("joint_torque_shared", beyond, samples.time_s, "N m", joint=j, **where)
+            findings.add_series("joint_torque_shared", beyond, samples.time_s, "N m", joint=number, **where)
     size = np.stack(torques)
     efforts = np.array([[joint.effort for joint in limb.joints] for limb in robot.limbs])
     i, row, j = np.unravel_index(int(np.argmax(size / efforts[:, None])), size.shape)

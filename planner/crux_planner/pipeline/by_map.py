@@ -9,6 +9,8 @@ way.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -23,13 +25,14 @@ from crux_planner.pipeline.refusals import eased, slowed
 from crux_planner.pipeline.solve_and_check import Climb
 from crux_planner.reach.arm import reaches_of
 from crux_planner.search.body_path import SPEED_SHARE, path_about
+from crux_planner.search.ends import level_aims
 from crux_planner.search.map_search import MapSearch, Step
 from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about
 from crux_planner.search.pose_path import clear_path
 from crux_planner.search.schedule import at_knots
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.joint_rows import ELBOW, JointFunctions, JointLimits
-from crux_planner.trajectory.solution import Start, start_from_path
+from crux_planner.trajectory.solution import Solution, Start, start_from_path
 
 COARSE = (0.02, 0.07, 0.22, 0.21)  # grid of the search: steps [m, rad], and how far it goes around start and goal
 FINE = (0.01, 0.035, 0.16, 0.105)  # of the body's path
@@ -38,6 +41,7 @@ LOOKS, WAYS = 3000, 8  # at moves for one way of stances, and ways
 SPARE_KNOTS = (1, 2, 4)  # a move, beyond what the swings need
 HALVES_M = (0.01, 0.02, 0.04, 0.08)  # how far the first solution may be off the path of the map
 ROUNDS = 6  # of the exact P1 and its check
+AIMS = 12  # goal poses tried for one at which four limbs hold
 LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 _MORE_RAD = 0.01  # beyond what the check misses
 _MORE_M, _MOST_APART_M = 0.002, 0.012  # of links: beyond what the check misses, and from where the path is kept to
@@ -48,16 +52,29 @@ _NEAR_M = 0.02  # of the map's path, where links come too near to each other; a 
 
 def plan_by_map(climb: Climb) -> PlanResult | None:
     """A checked plan; None where none is found, or start or goal are tilted."""
-    problem, session = climb.problem.aimed(), climb.session
-    tilts = np.abs([problem.start.rpy_rad[:2], problem.goal.body.rpy_rad[:2]])
-    in_air = not all(problem.contacts[c].bears for c in problem.start_contacts)
+    given = climb.problem
+    tilts = np.abs([given.start.rpy_rad[:2], given.goal.body.rpy_rad[:2]])
+    in_air = not all(given.contacts[c].bears for c in given.start_contacts)
     if in_air or tilts.max() > LEVEL_RAD:
         return None
     with climb.work.part("map", 0.2):
-        coarse, fine = (grid_about(problem, *size) for size in (COARSE, FINE))
-        masks = PoseMasks(problem, session.robot, coarse, SEARCH_RAD)
-        search = MapSearch(masks, Footing(problem, coarse), climb.oracles.swings)
-    planner, without = _ByMap(climb, problem, PoseMasks(problem, session.robot, fine, PATH_RAD)), set[Step]()
+        search = next((each for each in _searches(climb) if len(each.goals)), None)
+    return None if search is None else _planned(climb, search)
+
+
+def _searches(climb: Climb) -> Iterator[MapSearch]:
+    """For the middle of the goal's tolerances, and then for other level poses in them."""
+    robot, problem = climb.session.robot, climb.problem.aimed()
+    for each in itertools.chain([problem], itertools.islice(level_aims(problem, reaches_of(robot, SEARCH_RAD)), AIMS)):
+        grid = grid_about(each, *COARSE)
+        yield MapSearch(PoseMasks(each, robot, grid, SEARCH_RAD), Footing(each, grid), climb.oracles.swings)
+
+
+def _planned(climb: Climb, search: MapSearch) -> PlanResult | None:
+    """By one way of stances after the other."""
+    problem, session, without = search.problem, climb.session, set[Step]()
+    fine = PoseMasks(problem, session.robot, grid_about(problem, *FINE), PATH_RAD)
+    planner = _ByMap(climb, problem, fine)
     for _ in range(WAYS):
         with climb.work.part("map", 0.2):
             way = search.find(without, LOOKS, session.deadline)
@@ -81,7 +98,9 @@ class _ByMap:
         self.climb, self.problem, self.masks = climb, problem, masks
         self.footing = Footing(problem, masks.grid)
         reaches = reaches_of(climb.session.robot)
-        self.functions = JointFunctions(problem, reaches, JointLimits.about(np.zeros((0, 12)), PLAN_RAD))
+        self.functions = self.undamped = JointFunctions(
+            problem, reaches, JointLimits.about(np.zeros((0, 12)), PLAN_RAD)
+        )
 
     def plan(self, way: list[Step]) -> PlanResult | int:
         """A checked plan, or the number of the move that is to blame for there being none."""
@@ -124,19 +143,12 @@ class _ByMap:
 
     def _solve(self, problem: Problem, schedule: Schedule, first: Start) -> PlanResult | None:
         """A checked plan for a schedule; what the check refuses is answered, `ROUNDS` times at most."""
-        session, work, start, limits = (
-            self.climb.session,
-            self.climb.work,
-            first,
-            JointLimits.about(first.body, PLAN_RAD),
-        )
+        session, work, start = self.climb.session, self.climb.work, first
+        limits, self.functions = JointLimits.about(first.body, PLAN_RAD), self.undamped
         for _ in range(ROUNDS):
             with work.part("nlp", 0.5):
                 self.functions = self.functions.within(limits)
-                for functions in (self.functions, self.functions.damped()):
-                    solution = solve_within_torques(problem, schedule, start, session.deadline, functions)
-                    if solution.solved:
-                        break
+                solution = self._solved(problem, schedule, start)
             if not solution.solved:
                 return None
             with work.part("check", 0.8):
@@ -144,9 +156,9 @@ class _ByMap:
                 report = check_plan(message, session.robot)
             if report.ok:
                 return PlanResult.of(message, report, solution, schedule.gait, work)
-            if any(each.constraint == "clearance_limbs" for each in report.violations):
-                limits = self.functions.nearer(schedule, solution.body)
             answer, others = _answered(limits, report, problem.dt_s)
+            if any(each.constraint == "clearance_limbs" for each in report.violations):
+                answer = self.functions.nearer(answer, schedule, first.body, solution.body)
             again = (answer.near_m != limits.near_m).any()
             easier = _easier(problem, replace(report, violations=others), schedule, solution.body) if others else None
             if others and easier is None:
@@ -155,6 +167,15 @@ class _ByMap:
             torques_Nm = np.minimum(problem.torque_limits_Nm, solution.torque_limits_Nm)
             problem, start = replace(problem, torque_limits_Nm=torques_Nm), first if again else solution.start
         return None
+
+    def _solved(self, problem: Problem, schedule: Schedule, start: Start) -> Solution:
+        """The exact P1's; where it does not converge, with damped steps from then on."""
+        until = self.climb.session.deadline
+        solution = solve_within_torques(problem, schedule, start, until, self.functions)
+        if not solution.solved and not self.functions.damping:
+            self.functions = self.functions.damped()
+            solution = solve_within_torques(problem, schedule, start, until, self.functions)
+        return solution
 
 
 def _schedule(problem: Problem, climb: Climb, moves: list[Move], swings: Array) -> Schedule:

@@ -7,7 +7,7 @@ middle so that one of them can leave.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,8 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Goal, Pose, Problem
 from crux_planner.model.schedule import Stance
+from crux_planner.reach.arm import ArmReach
+from crux_planner.reach.poses import GripperPoses
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.swing.swing_cache import SwingCache
 
@@ -39,22 +41,56 @@ def aimed(problem: Problem, tried: Sequence[Flags] = ()) -> tuple[Problem, Flags
     most = _USED_SHARE * problem.boxes.max_tilt_rad
     rpy[:, :2] = np.clip(rpy[:, :2], -most, most)
     reached = _reached(problem, position, rpy) & _usable(problem, rpy[:, 2])
-    holds = np.array([c.hold for c in problem.contacts])
-    starts = np.unique(holds, return_index=True)[1]
-    order = np.argsort(holds, kind="stable")
-    by_hold = np.logical_or.reduceat(reached[..., order], np.searchsorted(holds[order], holds[starts]), axis=2)
-    choice = by_hold.sum(axis=2)  # (n, 4) holds
-    worth = np.where(choice > 0, np.log(np.maximum(choice, 1)), -np.inf).sum(axis=1)
-    worth -= _STRAYING * np.linalg.norm(share, axis=2).sum(axis=1)
+    worth = _worth(problem, reached, share)
     if tried:
         new = (reached & ~np.logical_or.reduce(tried)).any(axis=2).sum(axis=1)  # limbs that have another end there
         worth = np.where(new > 0, worth + _NEW * new, -np.inf)
     best = int(np.argmax(worth))
     if not np.isfinite(worth[best]):
         return None
-    pose = Pose(position[best], rpy[best])
-    there = Goal(pose, _LEFT_SHARE * goal.tolerance_m, _LEFT_SHARE * goal.tolerance_rad, goal.grasps)
-    return replace(problem, goal=there, turns=True), reached[best]
+    return replace(_aimed_at(problem, position[best], rpy[best]), turns=True), reached[best]
+
+
+def level_aims(problem: Problem, reaches: Sequence[ArmReach]) -> Iterator[Problem]:
+    """The problem with goal poses, turned but not tilted off the goal's, that leave every limb holds by its map: those
+    first that leave most, each with contacts in reach that none before has.
+    """
+    goal = problem.goal
+    share = _unit_balls(_SAMPLES)
+    share[:, 1, :2] = 0.0
+    position = goal.body.position_m + _USED_SHARE * goal.tolerance_m * share[:, 0]
+    rpy = goal.body.rpy_rad + _USED_SHARE * goal.tolerance_rad * share[:, 1]
+    hands = np.array([c.pose[:4] for c in problem.contacts])
+    cos, sin = np.cos(rpy[:, 2, None]), np.sin(rpy[:, 2, None])
+    east, north, up = np.moveaxis(hands[:, :3] - position[:, None], 2, 0)
+    yaw = hands[:, 3] - rpy[:, 2, None]
+    seen = GripperPoses(cos * east + sin * north, cos * north - sin * east, up, yaw, np.zeros(1), np.zeros(1))
+    reached = np.stack([reach.reaches(seen) for reach in reaches], axis=1) & _usable(problem, rpy[:, 2])
+    worth = _worth(problem, reached, share)
+    known = np.zeros(reached.shape[1:], dtype=bool)
+    for best in np.argsort(-worth, kind="stable").tolist():
+        if not np.isfinite(worth[best]):
+            return
+        if (reached[best] & ~known).any():
+            known |= reached[best]
+            yield _aimed_at(problem, position[best], rpy[best])
+
+
+def _aimed_at(problem: Problem, position: Array, rpy: Array) -> Problem:
+    goal = problem.goal
+    there = Goal(Pose(position, rpy), _LEFT_SHARE * goal.tolerance_m, _LEFT_SHARE * goal.tolerance_rad, goal.grasps)
+    return replace(problem, goal=there)
+
+
+def _worth(problem: Problem, reached: Flags, share: Array) -> Array:
+    """(n,) of goal poses, by the holds in reach there (n, 4, C) and how far they stray; -inf where a limb has none."""
+    holds = np.array([c.hold for c in problem.contacts])
+    starts = np.unique(holds, return_index=True)[1]
+    order = np.argsort(holds, kind="stable")
+    by_hold = np.logical_or.reduceat(reached[..., order], np.searchsorted(holds[order], holds[starts]), axis=2)
+    choice = by_hold.sum(axis=2)  # (n, 4) holds
+    worth = np.where(choice > 0, np.log(np.maximum(choice, 1)), -np.inf).sum(axis=1)
+    return np.asarray(worth - _STRAYING * np.linalg.norm(share, axis=2).sum(axis=1))
 
 
 def _unit_balls(count: int) -> Array:

@@ -12,6 +12,7 @@ import heapq
 import itertools
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -55,16 +56,20 @@ class MapSearch:
         problem = self.problem
         self._labels: dict[Stance, Indices] = {}
         self._places = np.array([c.centre_h_m for c in problem.contacts])
-        mine = [sorted({*problem.limb_contacts[limb], problem.start_contacts[limb]}) for limb in range(4)]
-        self._usable = [[c for c in own if masks.held(limb, masks.at(c)).any()] for limb, own in enumerate(mine)]
+        self._mine = [sorted({*problem.limb_contacts[limb], problem.start_contacts[limb]}) for limb in range(4)]
         away = np.linalg.norm(self._places[:, None] - self._places, axis=2)
         self._hops = np.maximum(np.ceil(away / HOP_M), 1.0) * ~np.eye(len(away), dtype=bool)
-        self._goals = self._goal_stances()
+
+    @cached_property
+    def _usable(self) -> list[list[int]]:
+        """Contacts that a limb has in reach from some pose, limb by limb."""
+        held = self.masks.held
+        return [[c for c in own if held(limb, self.masks.at(c)).any()] for limb, own in enumerate(self._mine)]
 
     def find(self, without: Collection[Step], most: int, deadline: float) -> list[Step] | None:
         """Moves to the goal, none of `without` among them; None where `most` looks at moves, or the time, find none."""
         start, count = self.problem.start_contacts, itertools.count()
-        if not len(self._goals):
+        if not len(self.goals):
             return None
         best: dict[Node, float] = {}
         parent: dict[Node, tuple[Node, int]] = {}
@@ -103,13 +108,13 @@ class MapSearch:
             self._labels[stance] = parts(self.masks.apart(self.masks.hold(stance), grippers))[0]
         return self._labels[stance]
 
-    def _goal_stances(self) -> Indices:
-        """(n, 4) contacts on which a body at the goal may stand, every limb in reach and off the others."""
+    @cached_property
+    def goals(self) -> Indices:
+        """Stances (n, 4) of contacts on which a body at the goal may stand, every limb in reach and off the others."""
         problem, masks = self.problem, self.masks
         ends = []
-        for limb, usable in enumerate(self._usable):
-            there = [c for c in usable if problem.may_end(limb, problem.contacts[c])]
-            ends.append([c for c in there if masks.held(limb, masks.at(c))[masks.goal].any()])
+        for limb, mine in enumerate(self._mine):
+            ends.append(masks.held_at_goal(limb, [c for c in mine if problem.may_end(limb, problem.contacts[c])]))
         if not all(ends):
             return np.zeros((0, 4), dtype=int)
         stances = np.array(ends[0], dtype=int).reshape(-1, 1)
@@ -123,7 +128,7 @@ class MapSearch:
 
     def _ahead(self, stance: Stance) -> float:
         """Moves that a stance needs to the nearest of the goal's, were they no longer than `HOP_M`."""
-        hops = [self._hops[c, self._goals[:, limb]] for limb, c in enumerate(stance)]
+        hops = [self._hops[c, self.goals[:, limb]] for limb, c in enumerate(stance)]
         return float(np.sum(hops, axis=0).min())
 
     def _cost(self, swing: _Swing) -> float:

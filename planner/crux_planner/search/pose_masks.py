@@ -107,13 +107,25 @@ class PoseMasks:
         clear = between.apart(first.where(i), second.where(j), CLEAR_M)
         return np.asarray((clear & (mine[i] != theirs[j])).reshape(len(mine), len(theirs)))
 
+    def held_at_goal(self, limb: int, contacts: list[int]) -> list[int]:
+        """Those of the contacts that a limb holds with the body at the goal, links off the trunk."""
+        if not contacts:
+            return []
+        seen, (low, high) = self._seen_at_goal(contacts), self.problem.gripper_yaw_rad
+        held = self.reaches[limb].reaches(seen) & (seen.yaw_rad >= low) & (seen.yaw_rad <= high)
+        return [c for c, ok in zip(contacts, held, strict=True) if ok]
+
     def _goal_links(self, limb: int, contacts: list[int]) -> Links:
         """Of one limb on each of the contacts."""
+        return self.reaches[limb].links(self._seen_at_goal(contacts))
+
+    def _seen_at_goal(self, contacts: list[int]) -> GripperPoses:
+        """Grippers on these contacts as a body at the goal has them."""
         body = self.problem.goal.body
         there = BodyGrid(*(np.array([at]) for at in (body.rpy_rad[2], 0.0, 0.0, *body.position_m[[2, 0, 1]])))
         seen = [there.seen(np.array(self.at(c))).arrays for c in contacts]
         arrays = np.array([[np.ravel(each)[0] for each in poses] for poses in seen]).reshape(-1, 6).T
-        return self.reaches[limb].links(GripperPoses(*arrays))
+        return GripperPoses(*arrays)
 
     def _near(self, place: Array, yaw: float, cells: int) -> Flags:
         """The cell of a pose, and so many around it."""

@@ -40,7 +40,7 @@ class JointLimits:
 
     path: Array  # (N + 1, 12) body states on whose side of the trunk links stay
     margin_rad: Array  # (N + 1, 4, 6)
-    apart_m: Array  # (N + 1,) that links of two limbs keep off each other
+    apart_m: Array  # (N + 1,) that links keep off the trunk and off those of other limbs
     near_m: Array  # (N + 1,) how far the body may be from the path; infinite where it need not be near
 
     @classmethod
@@ -96,7 +96,7 @@ class JointFunctions(StageFunctions):
         hessian = ca.hessian(ca.dot(multiplier, rows), x)[0][:POSE, :POSE]
         return Mapped("joints", [x, hands, multiplier], [rows, ca.jacobian(rows, x)[:, :POSE], hessian])
 
-    def reach(self, body: Array, grippers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
+    def reach_at(self, body: Array, grippers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
         """As in StageFunctions; of `grippers`: hands (n, 16) x, y, z and yaw, and planes as `packed`."""
         knots, first = len(body), 4 * JOINTS
         normals, one, other = unpacked(grippers[:, 16:])
@@ -124,10 +124,12 @@ class JointFunctions(StageFunctions):
             self._known[id(schedule)] = known
         return known[1]
 
-    def nearer(self, schedule: Schedule, body: Array) -> JointLimits:
-        """The limits with planes about poses as near to those of a body (N + 1, 12) as links are off each other."""
-        path, limits = self.limits.path.copy(), self.limits
-        given = path[:, :POSE], body[:, :POSE], schedule.poses[:, :, :4], limits.apart_m
+    def nearer(self, limits: JointLimits, schedule: Schedule, first: Array, body: Array) -> JointLimits:
+        """Limits with planes about poses on the way from those of a first path (N + 1, 12) to those of a body, as near
+        to these as links keep far enough off each other.
+        """
+        path = first.copy()
+        given = first[:, :POSE], body[:, :POSE], schedule.poses[:, :, :4], limits.apart_m
         path[:, :POSE] = farthest_clear(self.reaches, *given)
         return replace(limits, path=path)
 
@@ -159,7 +161,7 @@ class JointFunctions(StageFunctions):
         begun = slice(max(lift_off - 1, 1))
         state = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(POSE)])
         grippers = self.grippers(schedule)[begun]
-        begin = self.reach(np.tile(state, (len(grippers), 1)), grippers, np.zeros((len(grippers), low.shape[1])))[0]
+        begin = self.reach_at(np.tile(state, (len(grippers), 1)), grippers, np.zeros((len(grippers), low.shape[1])))[0]
         low[begun], high[begun] = np.minimum(low[begun], begin), np.maximum(high[begun], begin)
         return low, high
 

@@ -7,6 +7,7 @@ places where they are nearest to each other on the path.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from itertools import combinations, product
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.reach import solids
 from crux_planner.reach.arm import ArmReach
 from crux_planner.reach.between import gap_m, way_between
 from crux_planner.reach.poses import GripperPoses
@@ -76,14 +78,14 @@ class Ends:
 
 
 def planes_about(ends: Ends, path: Array, hands: Array, apart_m: Array) -> Planes:
-    """For body poses (N, 6), grippers (N, 4, 4) x, y, z and yaw, and what limbs keep off each other (N,). No row asks
-    for more than the path has.
+    """For body poses (N, 6), grippers (N, 4, 4) x, y, z and yaw, and what links keep off each other and off the trunk
+    (N,). No row asks for more than the path has.
     """
     seen = _seen(path, hands)
     links = [reach.links(each) for reach, each in zip(ends.reaches, seen, strict=True)]
     rows: list[_Row] = []
     for limb in range(len(links)):
-        rows += _off_trunk(ends, limb, links[limb])
+        rows += _off_trunk(ends, limb, links[limb], apart_m)
     for pair in combinations(range(len(links)), 2):
         rows += _off_each_other(ends, pair, links, apart_m)
     if not rows:
@@ -105,12 +107,20 @@ def farthest_clear(reaches: tuple[ArmReach, ...], path: Array, body: Array, hand
     for share in _SHARES:
         poses = path + share * (body - path)
         seen = _seen(poses, hands)
-        clear = np.logical_and.reduce([reach.off_trunk(each) for reach, each in zip(reaches, seen, strict=True)])
         links = [reach.links(each) for reach, each in zip(reaches, seen, strict=True)]
-        for a, b in combinations(links, 2):
-            clear &= gap_m(a, b) >= apart_m
+        gaps = [gap_m(a, b) for a, b in combinations(links, 2)]
+        gaps += [_off_trunk_m(reach, each) for reach, each in zip(reaches, links, strict=True)]
+        clear = np.min(gaps, axis=0) >= apart_m
         found[clear] = poses[clear]
     return found
+
+
+def _off_trunk_m(reach: ArmReach, links: Links) -> Array:
+    """(N,) of the links that do not turn on the trunk."""
+    ends = zip(*(np.swapaxes(each, 0, 1) for each in (links.start_m, links.end_m)), links.radius_m, strict=True)
+    turning = itertools.islice(ends, len(reach.keep_off.links))
+    gaps = [solids.gap_m(reach.keep_off.trunk, start, end) - radius for start, end, radius in turning]
+    return np.asarray(np.min(gaps, axis=0))
 
 
 def _seen(path: Array, hands: Array) -> list[GripperPoses]:
@@ -124,7 +134,7 @@ _Row = tuple[Array, int, int, Array]
 """Normals (N, 3), the ends' numbers, and least (N,)."""
 
 
-def _off_trunk(ends: Ends, limb: int, links: Links) -> list[_Row]:
+def _off_trunk(ends: Ends, limb: int, links: Links, apart_m: Array) -> list[_Row]:
     """Of the links that do not turn on the trunk."""
     reach = ends.reaches[limb]
     count = len(reach.keep_off.links)
@@ -140,7 +150,7 @@ def _off_trunk(ends: Ends, limb: int, links: Links) -> list[_Row]:
         gap = np.take_along_axis(gap, which, axis=-1)[..., 0]
         away = np.take_along_axis(off, which[..., None], axis=2)[:, :, 0] / np.maximum(gap, 1e-9)[..., None]
         normal = away @ box.rotation.T
-        border = normal @ box.centre_m + np.abs(away) @ box.half_m + radius + OFF_M
+        border = normal @ box.centre_m + np.abs(away) @ box.half_m + radius + apart_m[:, None]
         here = np.minimum(*((each * normal).sum(axis=-1) for each in (start, end)))
         near = (gap > 0.0) & (gap < nearest)
         normals[near], least[near], nearest[near] = normal[near], np.minimum(border, here)[near], gap[near]

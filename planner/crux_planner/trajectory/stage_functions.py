@@ -55,6 +55,11 @@ class StageFunctions:
         """Lower and upper bounds (N + 1, 12) of the body's states."""
         return body_bounds(problem, schedule)
 
+    def reach_at(self, body: Array, grippers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
+        """Rows (n, m) of (9a), their derivatives (n, m, 6) and Hessian (n, 6, 6), as `reach` has them."""
+        rows, slopes, hessian = self.reach(body, grippers, multiplier)
+        return rows, slopes, hessian
+
     def reach_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
         """Lower and upper bounds (N, m) of the rows of `reach` at knots 1..N."""
         return reach_bounds(problem, schedule)

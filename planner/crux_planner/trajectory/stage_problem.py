@@ -200,7 +200,7 @@ class StageProblem:
         q = columns[..., :WRENCH_INPUTS]
         totals = np.einsum("klij,klj->ki", self.maps, q)
         step, state_map, by_total, step_hessian, step_cross = f.step(body[:-1], totals, self.hands, multipliers)
-        reach, reach_slope, reach_hessian = f.reach(body[1:], self.grippers, on_reach)
+        reach, reach_slope, reach_hessian = f.reach_at(body[1:], self.grippers, on_reach)
         flat = columns.reshape(-1, COLUMN)
         on_surface = (on_surface * self.rough).reshape(4 * n, -1)
         surface, surface_slope, surface_hessian = f.surface(flat, self.fingers.reshape(4 * n, -1), on_surface)

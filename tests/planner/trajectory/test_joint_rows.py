@@ -59,7 +59,7 @@ def rows_at(state: Array, hands: Array, planes: Planes) -> Array:
     """(24 + R,)"""
     f, given = functions(), np.concatenate([hands[None], planes.packed], axis=1)
     count = 4 * JOINTS + planes.least.shape[1]
-    return np.asarray(f.reach(state[None], given, np.zeros((1, count)))[0][0])
+    return np.asarray(f.reach_at(state[None], given, np.zeros((1, count)))[0][0])
 
 
 def planes(normals: Array, one: Indices, other: Indices) -> Planes:
@@ -98,13 +98,13 @@ def test_planes_have_the_ends_of_the_links_as_pinocchio_does(robot: Robot) -> No
 def test_derivatives_are_those_of_finite_differences(robot: Robot) -> None:
     random, f, step = np.random.default_rng(2), functions(), 1e-6
     state, hands, _ = drawn(robot, random)
-    pairs = random.integers(f.ends.count + 1, size=(2, 40))
-    some = planes(random.normal(size=(40, 3)), *pairs)
+    pairs = [random.integers(f.ends.count + 1, size=40) for _ in range(2)]
+    some = planes(random.normal(size=(40, 3)), pairs[0], pairs[1])
     given, multiplier = np.concatenate([hands[None], some.packed], axis=1), random.normal(size=4 * JOINTS + 40)
-    _, slope, hessian = f.reach(state[None], given, multiplier[None])
+    _, slope, hessian = f.reach_at(state[None], given, multiplier[None])
     for axis in range(6):
         off = step * np.eye(BODY_STATES)[axis]
-        ahead, behind = (f.reach((state + sign * off)[None], given, multiplier[None]) for sign in (1, -1))
+        ahead, behind = (f.reach_at((state + sign * off)[None], given, multiplier[None]) for sign in (1, -1))
         np.testing.assert_allclose(slope[0, :, axis], (ahead[0] - behind[0])[0] / (2 * step), atol=1e-5)
         bent = multiplier @ (ahead[1] - behind[1])[0] / (2 * step)
         np.testing.assert_allclose(hessian[0, axis], bent, atol=1e-4 * max(1.0, np.abs(bent).max()))
@@ -120,8 +120,9 @@ def test_links_on_their_side_of_the_planes_are_off_the_trunk(robot: Robot, limb:
         hand = hands.reshape(4, 4)[limb]
         if not reach.reaches(seen(state, hand)).all():
             continue
-        rows = _off_trunk(ends, limb, reach.links(seen(state, hand)))
-        numbers, normals, least = [row[1] for row in rows], *(np.array([row[i][0] for row in rows]) for i in (0, 3))
+        rows = _off_trunk(ends, limb, reach.links(seen(state, hand)), np.array([OFF_M]))
+        numbers, normals = [row[1] for row in rows], np.array([row[0][0] for row in rows])
+        least = np.array([row[3][0] for row in rows])
         some = np.isfinite(least)
         for _ in range(20):
             moved = state + np.append(random.uniform(-1.0, 1.0, 6) * [0.08, 0.08, 0.02, 0.05, 0.05, 0.2], np.zeros(6))
