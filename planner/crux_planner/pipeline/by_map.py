@@ -44,7 +44,8 @@ ROUNDS = 6  # of the exact P1 and its check
 AIMS = 12  # goal poses tried for one at which four limbs hold
 LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 _MORE_RAD = 0.01  # beyond what the check misses
-_MORE_M, _MOST_APART_M = 0.002, 0.012  # of links: beyond what the check misses, and from where the path is kept to
+_MORE_M, _MOST_MORE_M = 0.001, 0.003  # of links: beyond what the check misses; where that is more, planes are wrong
+_MOST_APART_M = 0.012  # from where the path is kept to
 _ANSWERED = ("joint_position", "inverse_kinematics", "clearance_limbs")
 _STRETCHED_RAD = 0.05  # off a straight elbow where the check finds a gripper beyond reach
 _NEAR_M = 0.02  # of the map's path, where links come too near to each other; a quarter of it the second time
@@ -198,7 +199,7 @@ def _answered(limits: JointLimits, report: CheckReport, dt_s: float) -> tuple[Jo
         if each.constraint == "clearance_limbs":
             about, at = slice(max(0, k - 2), k + 4), slice(k, k + 2)
             if (limits.apart_m[at] < _MOST_APART_M).all():
-                apart_m[at] = np.maximum(apart_m[at], limits.apart_m[at] + each.amount + _MORE_M)
+                apart_m[at] = np.maximum(apart_m[at], limits.apart_m[at] + min(each.amount, _MOST_MORE_M) + _MORE_M)
                 continue
             if (limits.near_m[about] < _NEAR_M).all():
                 others.append(each)

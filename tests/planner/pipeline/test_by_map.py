@@ -23,7 +23,7 @@ def test_what_the_check_finds_is_answered_at_its_knots_and_joint() -> None:
     said = [
         Violation("joint_position", "RF", None, 3.0, 0.1, "rad", "any name", joint=4),
         Violation("inverse_kinematics", "LR", None, 9.0, 0.001, "m"),
-        Violation("clearance_limbs", "LF", None, 5.0, 0.004, "m"),
+        Violation("clearance_limbs", "LF", None, 5.0, 0.002, "m"),
         Violation("joint_torque_shared", "LF", None, 5.0, 0.4, "N m", joint=1),
     ]
     answer, others = _answered(limits, CheckReport(violations=said), dt_s=2.0)
@@ -31,7 +31,7 @@ def test_what_the_check_finds_is_answered_at_its_knots_and_joint() -> None:
     more = np.argwhere(answer.margin_rad > limits.margin_rad).tolist()
     assert more == [[1, 1, 4], [2, 1, 4], [4, 2, 2], [5, 2, 2]]
     assert (answer.margin_rad[1:3, 1, 4] > 0.12).all()
-    assert np.flatnonzero(answer.apart_m > limits.apart_m + 0.004).tolist() == [2, 3]
+    assert np.flatnonzero(answer.apart_m > limits.apart_m + 0.002).tolist() == [2, 3]
     assert np.isinf(answer.near_m).all()
     again, _ = _answered(replace(answer, apart_m=answer.apart_m + 0.01), CheckReport(violations=said), dt_s=2.0)
     assert np.isfinite(again.near_m).any()
