@@ -11,9 +11,9 @@ from crux_contracts.channels import FAULT_BY_CODE
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_msgs import limb_knot_t, plan_t
+from crux_simulation.sim.restarting import HOLDING, Restarting
 from crux_tools.operator_status import status_lines
 from crux_tools.replay.recompute import recompute
-from restarting import HOLDING, Restarting
 from shared_plans import SharedPlans
 from short_climb import with_a_spare_hold
 
@@ -28,6 +28,10 @@ def plan(planned: SharedPlans) -> plan_t:
     return made
 
 
+def restarting(plan: plan_t, folder: Path, seed: int = 0) -> Restarting:
+    return Restarting(plan, load_robot("scaler"), folder, folder / "state", seed)
+
+
 def in_the_air_s(plan: plan_t) -> list[float]:
     """The middles of the intervals in which a limb is in the air."""
     times = [knot.time_s for knot in plan.knots if any(limb.phase == limb_knot_t.AIR for limb in knot.limbs)]
@@ -37,7 +41,7 @@ def in_the_air_s(plan: plan_t) -> list[float]:
 def test_a_runtime_finds_its_robot_with_a_limb_in_the_air(planned: SharedPlans, tmp_path: Path) -> None:
     plan: plan_t = planned(with_a_spare_hold(), load_robot("scaler")).plan
     when_s = in_the_air_s(plan)[1]
-    with Restarting(plan, tmp_path) as climb:
+    with restarting(plan, tmp_path) as climb:
         before = climb.climb_until(when_s)
         (flying,) = [limb for limb in range(4) if before.reference[limb].phase not in (0, 1, 7)]
         found = climb.restart(down_cycles=500)
@@ -72,7 +76,7 @@ def test_any_moment_is_gone_on_from(plan: plan_t, tmp_path: Path, moment: int) -
     when_s = float(random.uniform(0.1, plan.knots[-1].time_s - 0.1))
     if moment % 2:
         when_s = float(random.choice(in_the_air_s(plan)) + random.uniform(-0.5, 0.5) * plan.dt_s)
-    with Restarting(plan, tmp_path, seed=moment) as climb:
+    with restarting(plan, tmp_path, seed=moment) as climb:
         climb.climb_until(when_s)
         climb.restart(down_cycles=int(random.integers(1, 1500)))
         said = climb.guide()

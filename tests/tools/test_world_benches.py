@@ -18,6 +18,7 @@ from crux_simulation.benchmarks.world_faults import (
     KINDS,
     LOSES_A_HOLD,
     OF_THE_RUNTIME,
+    RESTARTS,
     SCHEDULED,
     START_S,
     Fault,
@@ -31,6 +32,8 @@ from crux_simulation.sim.fault_file import read_faults
 from crux_simulation.sim.world_file import read_world
 from crux_tools.cli import main
 from hand_plan import climbing_plan, standing_plan
+from shared_plans import SharedPlans
+from short_climb import with_a_spare_hold
 
 
 def row(
@@ -54,6 +57,8 @@ def test_every_kind_of_fault_comes_by_turns_as_a_file_that_can_be_read(plan: pla
     faults = [draw_fault(seed) for seed in range(count)]
     assert Counter(fault.kind for fault in faults) == dict.fromkeys(KINDS, 3)
     for number, fault in enumerate(faults):
+        if fault.kind == RESTARTS:  # of the bench alone
+            continue
         path = tmp_path / f"{number}.yaml"
         path.write_text(fault.text(plan))
         if fault.kind in SCHEDULED:
@@ -63,9 +68,10 @@ def test_every_kind_of_fault_comes_by_turns_as_a_file_that_can_be_read(plan: pla
             assert 6.0 <= read.at_s <= START_S + plan.knots[-1].time_s
         else:
             assert read_world(path).name == fault.kind
-        assert (fault.limb in LIMB_NAMES) == (fault.kind not in (*LOSES_A_HOLD, *OF_THE_RUNTIME, "power-lost"))
+        of_a_limb = not fault.kind.startswith("hold-") and fault.kind != "slippery-hold"
+        assert (fault.limb in LIMB_NAMES) == (of_a_limb and fault.kind not in (*OF_THE_RUNTIME, "power-lost"))
     assert [draw_fault(seed) for seed in range(count)] == faults
-    assert len({fault.text(plan) for fault in faults}) > count - 10
+    assert len({fault.text(plan) for fault in faults if fault.kind != RESTARTS}) > count - 13
 
 
 def test_holds_go_wrong_that_the_plan_still_grips(plan: plan_t) -> None:
@@ -114,6 +120,27 @@ def test_a_runtime_killed_or_without_space_is_told_and_the_robot_stays(kind: str
         assert 0.0 < course["held_s"] <= 0.1, "the nodes hold by themselves"
         assert course["moved_m"] < 0.005
     assert job.climb_command().endswith("--faults faults.yaml --bus udp")
+
+
+def test_a_runtime_that_restarts_has_to_climb_on() -> None:
+    fault = Fault(RESTARTS, "")
+    end = row(reason="34 restarted; the runtime has restarted: found hanging; goes on with the plan")
+    assert not ending_of(end, fault).told
+    end["climb"] |= {"reached_goal": True}
+    assert ending_of(end, fault).told
+    assert ending_of(end, fault).climbed
+    assert not ending_of(end | {"reason": "35 restart_refused"}, fault).told
+
+
+@pytest.mark.sweep
+def test_a_runtime_restarts_in_a_drawn_climb(planned: SharedPlans, tmp_path: Path) -> None:
+    short = planned(with_a_spare_hold(), load_robot("scaler")).plan
+    seed = list(KINDS).index(RESTARTS)
+    job = job_of(draw_fault(seed), 0, seed)
+    climb = job._climb(short, load_robot("scaler"), tmp_path)
+    end = ending_of({"reason": climb["reason"], "climb": climb}, draw_fault(seed))
+    assert (end.told, end.climbed, end.fell) == (True, True, False), climb
+    assert job.climb_command().endswith(f"--kinds runtime-restarts --count 1 --seed {seed} --output again")
 
 
 def test_what_stops_the_runtime_is_climbed_in_a_kernel_with_virtual_time() -> None:

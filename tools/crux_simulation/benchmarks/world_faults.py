@@ -1,5 +1,7 @@
 """`crux bench faults --world`: one thing goes wrong with holds, sensors, drives, their supply or the runtime's process.
 
+A runtime that restarts does so in this process, and a guide leads on.
+
 Faults of the process need a process: the runtime is killed and its disk full in lockstep over UDP; where it is stopped
 or starved the climb goes by the clock, in a kernel with virtual time, so that all of these are the same in every run.
 Only the flood takes real time: what it costs is what it is about.
@@ -15,10 +17,13 @@ from collections import defaultdict
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.channels import FAULT_BY_CODE
+from crux_tools.errors import WorkFailed
 from crux_tools.output import note, print_json
 from crux_tools.report.results import LOG_FILE, Row
 
@@ -57,6 +62,11 @@ IN_THE_WORLD = {
     "slippery-hold": InTheWorld("holds: {{{hold}: {{friction_factor: 0.2}}}}", ("grasp_failed", "slip")),
     "hold-breaks": InTheWorld("holds: {{{hold}: {{breaks_at_s: {at_s}}}}}", ("grip_lost", "hold_missing")),
     "hold-missing": InTheWorld("holds: {{{hold}: {{present: false}}}}", ("hold_missing",)),
+    # What a climb has to bear: there is nothing to tell.
+    "hold-narrower": InTheWorld("holds: {{{hold}: {{size_change_m: [-0.02, -0.02, 0]}}}}", ()),
+    "gripper-slow": InTheWorld("robot: {{grippers: {{{limb}: {{speed_limit_m_s: 0.01}}}}}}", ()),
+    "joint-late": InTheWorld("robot: {{joints: {{{joint}: {{dead_cycles: 2}}}}}}", ()),
+    "joint-sticks": InTheWorld("robot: {{joints: {{{joint}: {{friction_Nm: 0.5, stiction_Nm: 1.0}}}}}}", ()),
 }
 LOCKSTEP, BY_THE_CLOCK = ("--bus", "udp"), ("--bus", "udp", "--pace", "realtime")
 IN_A_GUEST = ("--bus", "socketcan", "--pace", "realtime")
@@ -89,7 +99,9 @@ OF_THE_SUPPLY = {
     ),
 }
 SCHEDULED = OF_THE_RUNTIME | OF_THE_SUPPLY
-KINDS = {kind: fault.entry for kind, fault in (IN_THE_WORLD | SCHEDULED).items()}
+RESTARTS, TELLS_RESTART = "runtime-restarts", "34 restarted"
+LOOKS_S = 0.1  # before the end of the plan, at least
+KINDS = {kind: fault.entry for kind, fault in (IN_THE_WORLD | SCHEDULED).items()} | {RESTARTS: ""}
 LOSES_A_HOLD = ("hold-breaks", "hold-missing", "slippery-hold")  # of whoever grips there
 FIRST_S, LAST_S = 6.0, 60.0  # the times of faults, or until the plan ends where that is sooner
 START_S = 2.0  # of the climb: there the plan's time begins
@@ -112,9 +124,13 @@ class Fault:
     for_s: float = FOR_S[0]
     share: float = SHARE[0]
 
+    def at_s(self, plan: Any) -> float:
+        """When, from the beginning of a climb of `plan`."""
+        return float(round(FIRST_S + self.when * (min(LAST_S, START_S + plan.knots[-1].time_s) - FIRST_S), 1))
+
     def text(self, plan: Any) -> str:
         """The world file, or the file of faults, for a climb of `plan`."""
-        at_s = round(FIRST_S + self.when * (min(LAST_S, START_S + plan.knots[-1].time_s) - FIRST_S), 1)
+        at_s = self.at_s(plan)
         holds = gripped(plan, at_s - START_S)
         places = {"limb": self.limb, "joint": self.joint, "hold": holds[int(self.where * len(holds))]}
         entry = KINDS[self.kind].format(at_s=at_s, for_s=self.for_s, share=self.share, **places)
@@ -191,8 +207,36 @@ class ScheduledFaultJob(ClimbJob):
         return {name: value for name, value in result.items() if name != "log"}
 
 
+@dataclass(frozen=True)
+class RestartJob(ClimbJob):
+    """A climb whose runtime dies, starts again and is led on by a guide."""
+
+    def climb_command(self) -> str:
+        """Another campaign, of this climb alone."""
+        return f"crux bench faults --world --kinds {RESTARTS} --count 1 --seed {self.seed} --output again"
+
+    def _climb(self, plan: Any, robot: Any, folder: Path) -> dict[str, Any]:
+        from crux_simulation.sim.restarting import Restarting
+
+        fault = draw_fault(self.seed)
+        with TemporaryDirectory() as state, Restarting(plan, robot, folder, Path(state), self.seed) as climb:
+            try:
+                climb.climb_until(min(fault.at_s(plan) - START_S, plan.knots[-1].time_s - LOOKS_S))
+                told = climb.restart(round(fault.for_s / robot.dt_s)).fault.code
+                said = climb.guide()
+            except WorkFailed as error:
+                return {"ok": False, "error": str(error)}
+            verdict = climb.verdict()
+        ok = verdict.reached_goal and not verdict.fell and not verdict.lost_grips and not verdict.slips
+        end = {"reached_goal": verdict.reached_goal, "fell": verdict.fell, "slips": verdict.slips}
+        reason = "; ".join([f"{told} {FAULT_BY_CODE[told].name}", *said])
+        return end | {"ok": ok, "lost_grips": list(verdict.lost_grips), "reason": reason}
+
+
 def job_of(fault: Fault, index: int, seed: int) -> ClimbJob:
     """Shipped scenes and random walls in turn."""
+    if fault.kind == RESTARTS:
+        return RestartJob(RESTARTS, wall_of(index, seed), seed)
     job = ScheduledFaultJob if fault.kind in SCHEDULED else WorldFaultJob
     return job(fault.kind, wall_of(index, seed), seed, FaultyWorld(fault.kind, "drawn for its plan"))
 
@@ -205,7 +249,7 @@ def jobs_of(count: int, first_seed: int, kinds: Collection[str] = tuple(KINDS)) 
             break
         fault = draw_fault(first_seed + turn)
         if fault.kind in kinds:  # other walls in every round, or a kind would always have the same
-            jobs.append(job_of(fault, turn + turn // len(KINDS), first_seed + turn))
+            jobs.append(job_of(fault, turn % len(KINDS) + turn // len(KINDS), first_seed + turn))
     return jobs
 
 
@@ -234,7 +278,9 @@ def ending_of(row: Row, fault: Fault) -> Ending:
     fell, lost_grip = bool(climb.get("fell")), bool(climb.get("lost_grips"))
     climbed = bool(climb.get("reached_goal")) and not fell and not lost_grip and not climb.get("slips")
     lost_grip = lost_grip and fault.kind not in LOSES_A_HOLD
-    if fault.kind in SCHEDULED:
+    if fault.kind == RESTARTS:
+        told = climbed and TELLS_RESTART in row["reason"]
+    elif fault.kind in SCHEDULED:
         where = f", limb {fault.limb}" if fault.limb else ""
         told = any(f"{cause}{where}" in row["reason"] for cause in SCHEDULED[fault.kind].causes)
         told = told and climb.get("robot_on_wall") is True

@@ -6,8 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from crux_contracts.robot import load_robot
+from crux_contracts.robot import Robot
 from crux_msgs import command_t, plan_t, robot_state_t, status_t
+from crux_tools.errors import WorkFailed
+from crux_tools.guide.guide import Attended, Guide
+from crux_tools.operator_link import OperatorLink
+
 from crux_simulation.sim.climb import ClimbOptions, plant_of
 from crux_simulation.sim.firmware_nodes import FirmwareNodes
 from crux_simulation.sim.judge import Verdict, judge
@@ -15,8 +19,6 @@ from crux_simulation.sim.loop import START_CYCLE, climbing
 from crux_simulation.sim.recorder import recorded
 from crux_simulation.sim.runtime_here import RuntimeHere
 from crux_simulation.sim.runtime_process import runtime_arguments
-from crux_tools.guide.guide import Attended, Guide
-from crux_tools.operator_link import OperatorLink
 
 LOOKS_EVERY = 25  # cycles
 FOUND_WITHIN = 2500  # cycles from the start of a runtime
@@ -28,7 +30,11 @@ class Restarting:
     """One robot on its wall. `link` is to the runtime that runs, None while none does."""
 
     plan: plan_t
+    robot: Robot
     folder: Path
+    """of the logs, one a runtime"""
+    state: Path
+    """where a runtime keeps what it needs after a restart"""
     seed: int = 0
     cycle: int = field(default=0, init=False)
     """of physics, over all runs"""
@@ -36,9 +42,8 @@ class Restarting:
     logs: list[Path] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
-        self._robot = load_robot("scaler")
-        self.plant = plant_of(self.plan, self._robot, ClimbOptions(seed=self.seed))
-        self._nodes = FirmwareNodes(["memory:"] * 4, self._robot)
+        self.plant = plant_of(self.plan, self.robot, ClimbOptions(seed=self.seed))
+        self._nodes = FirmwareNodes(["memory:"] * 4, self.robot)
         self._runtime: RuntimeHere | None = None
         self._answered = -1
 
@@ -52,7 +57,7 @@ class Restarting:
     def start(self) -> None:
         """A runtime comes up."""
         self.logs.append(self.folder / f"log-{len(self.logs) + 1}.mcap")
-        arguments = runtime_arguments(self._robot.folder, self.logs[-1], "each", {}, state=self.folder / "state")
+        arguments = runtime_arguments(self.robot.folder, self.logs[-1], "each", {}, state=self.state)
         self._runtime = RuntimeHere(self._nodes, arguments)
         self._runtime.idle = lambda: self.run(1)
         self.link = OperatorLink(connection=self._runtime)
@@ -86,13 +91,15 @@ class Restarting:
         return self.link.status
 
     def until(self, met: Callable[[status_t], bool], cycles: int) -> status_t:
-        """Runs until a status meets, for so many cycles at most."""
+        """Runs until a status meets, for so many cycles at most. Raises WorkFailed where none does."""
         for _ in range(cycles // LOOKS_EVERY):
             self.run(LOOKS_EVERY)
             if met(status := self.status()):
                 return status
         state = status.state
-        raise AssertionError(f"state {state.supervisor_state}, fault {state.fault_code} at {state.plan_time_s:.2f} s")
+        raise WorkFailed(
+            f"not reached: state {state.supervisor_state}, fault {state.fault_code} at {state.plan_time_s:.2f} s"
+        )
 
     def climb_until(self, plan_time_s: float) -> status_t:
         """Starts a runtime that climbs the plan until there."""
@@ -115,7 +122,7 @@ class Restarting:
         """A guide leads to the goal, or gives up; what it said."""
         said: list[str] = []
         assert self.link is not None
-        guide = Guide(self.link, self.plan, self._robot, said.append)
+        guide = Guide(self.link, self.plan, self.robot, said.append)
         for _ in range(4000):
             if guide.attend() in (Attended.DONE, Attended.GAVE_UP, Attended.OPERATOR):
                 break
