@@ -81,6 +81,25 @@ def _fixed(name: str, parent: str, child: str) -> str:
     return f'<joint name="{name}" type="fixed"><parent link="{parent}"/><child link="{child}"/></joint>'
 
 
+def _against(text: str) -> str:
+    """The same robot with all second joints turning against the axis, so that their limits change sides."""
+    before = '<axis xyz="0 -1 0"/>\n    <limit lower="-1.2" upper="2.0"'
+    return text.replace(before, '<axis xyz="0 1 0"/>\n    <limit lower="-2.0" upper="1.2"')
+
+
+def _in_between(text: str) -> str:
+    """The same robot with LF's upper link in two, the outer one turned, and back again by the elbow's joint."""
+    extra = '<link name="extra"/>' + _fixed("seam", "LF_link2", "extra").replace("/></", "/>" + SEAM + "</", 1)
+    start = text.index('<joint name="LF_joint3"')
+    joint = (
+        text[start:]
+        .replace("LF_link2", "extra", 1)
+        .replace(ARM, '<origin xyz="0 0 0.07" rpy="0 -1.5707963267948966 0"/>', 1)
+    )
+    return _before_end(text[:start] + joint, extra)
+
+
+SEAM = '<origin xyz="0.08 0 0" rpy="0 1.5707963267948966 0"/>'
 INERTIAL = (
     '<inertial><mass value="{}"/><inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>'
 )
@@ -249,9 +268,8 @@ OF_THE_LIMBS = [
     _urdf("prismatic joint", 'type="revolute"', 'type="prismatic"', "joint LF_joint1: prismatic", "expected revolute"),
     _urdf("continuous joint", 'type="revolute"', 'type="continuous"', "joint LF_joint1: continuous", "revolute"),
     _urdf("fixed joint", 'type="revolute"', 'type="fixed"', "limb LF", "expected the joints LF_joint1, LF_joint2"),
-    _urdf(
-        "axis turned around", '<axis xyz="0 -1 0"/>', '<axis xyz="0 1 0"/>', "LF_joint2: revolute about 0 1 0", "0 -1 0"
-    ),
+    _urdf("axis turned around", '<axis xyz="0 -1 0"/>', '<axis xyz="0 1 0"/>', "RF_joint2: -1.2..2", "-2..1.2"),
+    _urdf("axis across", '<axis xyz="0 -1 0"/>', '<axis xyz="1 0 0"/>', "LF_joint2: revolute about 1 0 0", "0 -1 0"),
     _urdf("axis aslant", '<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 1e-3"/>', "LF_joint2", "expected revolute about"),
     _in(
         "joint LF_joint2", "shoulder offset", '<origin xyz="0 0 0"', '<origin xyz="0.01 0 0"', "LF_joint2: xyz 0.01 0 0"
@@ -304,5 +322,8 @@ ALRIGHT = [
     _urdf("a turned inertia", '<origin xyz="0 0 0"/>', '<origin xyz="0 0 0.01" rpy="0.1 0.2 0.3"/>'),
     _added("a frame", '<link name="camera"/>' + _fixed("camera", "base", "camera")),
     _added("what others read", '<transmission name="x"><type>any</type></transmission><gazebo reference="base"/>'),
+    Case("axes turned around", URDF, _against, ()),
+    Case("a fixed joint in between", URDF, _in_between, ()),
+    _in("joint LF_mount", "no axis on what stands still", "</joint>", '<axis xyz="0 0 0"/></joint>'),
     _urdf("an unknown material", '<material name="body"/>', '<material name="velvet"/>'),
 ]

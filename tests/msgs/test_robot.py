@@ -143,3 +143,23 @@ def test_the_admittance_has_fifteen_degrees_of_phase_left_against_twice_its_stif
 def test_a_folder_without_a_robot_is_told(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match=r"robot\.yaml: no such file"):
         load_robot(tmp_path)
+
+
+def test_everything_that_is_wrong_is_told_at_once(folder: Path) -> None:
+    spoil(folder, "scaler.urdf", '<box size="0.30 0.22 0.06"/>', '<mesh filename="body.stl"/>')
+    spoil(
+        folder, "scaler.urdf", '<joint name="LF_joint3" type="revolute">', '<joint name="LF_joint3" type="continuous">'
+    )
+    spoil(folder, "scaler.urdf", 'lower="0.008" upper="0.066" effort="60"', 'lower="0.008" upper="0.066" effort="0"')
+    spoil(folder, "scaler.urdf", '<origin xyz="-0.1355 0.144 0"', '<origin xyz="-0.1 0.144 0"')
+    spoil(folder, "robot.yaml", "coarse_travel_m: 0.065", "coarse_travel_m: 0.05")
+    with pytest.raises(RobotError) as raised:
+        load_robot(folder)
+    told = [(Path(problem.file or raised.value.path).name, problem.key) for problem in raised.value.problems]
+    assert told == [
+        ("scaler.urdf", "link base"),
+        ("scaler.urdf", "joint LF_finger1_slide"),
+        ("scaler.urdf", "joint LF_joint3"),
+        ("scaler.urdf", "joint LR_joint1"),
+        ("robot.yaml", "gripper_motor.coarse_travel_m"),
+    ]

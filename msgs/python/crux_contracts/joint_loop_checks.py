@@ -118,12 +118,15 @@ class JointLoops:
 
 
 def postures(limb: Limb) -> Iterator[Array]:
-    """(6,) joint angles of a limb in the air: elbow and wrist pitch at their ends and half-way, wrist roll half-way and
-    at one end; what turns the limb as a whole, or its gripper, changes its inertia little and is half-way."""
-    middle = (limb.lower_rad + limb.upper_rad) / 2
+    """(6,) angles of a limb's joints, as they count them, in the air: elbow and wrist pitch at their ends and half-way,
+    wrist roll half-way and at one end; what turns the limb as a whole, or its gripper, changes its inertia little and
+    is half-way.
+    """
+    low, high = (np.array([getattr(joint, end) for joint in limb.joints]) for end in ("lower", "upper"))
+    middle = (low + high) / 2
     for shares in itertools.product((0.0, 0.5, 1.0), (0.0, 0.5, 1.0), (0.5, 1.0)):
         q_rad = middle.copy()
-        q_rad[2:5] = limb.lower_rad[2:5] + np.array(shares) * (limb.upper_rad[2:5] - limb.lower_rad[2:5])
+        q_rad[2:5] = low[2:5] + np.array(shares) * (high[2:5] - low[2:5])
         yield q_rad
 
 
@@ -141,12 +144,14 @@ def joint_inertia(urdf: Urdf, limb: Limb, q_rad: Array) -> Array:
         inertia = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
         mass[:] += body.mass_kg * moving.T @ moving + axes.T @ inertia @ axes
 
-    for j, joint in enumerate((*limb.joints, *urdf.chain(limb.joints[-1].child, limb.gripper_link))):
+    j = 0
+    for joint in urdf.chain(limb.joints[0].parent, limb.gripper_link):
         origin = origin + turn @ np.array(joint.xyz_m)
         turn = turn @ rotation(joint.rpy_rad)
-        if j < len(q_rad):
+        if joint.kind != "fixed":
             axes[:, j], origins[:, j] = turn @ np.array(joint.axis), origin
             turn = turn @ _about(np.array(joint.axis), q_rad[j])
+            j += 1
         add(joint.child)
     for finger in limb.finger_joints:
         add(urdf.joints[finger].child)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import typing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -18,13 +18,24 @@ from .joint_loop_checks import joint_loop_problems
 from .motor_checks import motor_problems
 from .places import MSGS
 from .robot_meaning import robot_meaning
-from .robot_rules import RobotRules
+from .robot_rules import Chain, RobotRules
 from .robot_types import Array, Limb, Robot
 from .robot_yaml import RobotYaml
-from .urdf import Joint, Urdf, parse_urdf, parse_xml
+from .urdf import Urdf, parse_xml, read_urdf
 from .yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
-__all__ = ["ROBOTS", "Array", "Limb", "Robot", "RobotError", "load_robot", "robot_hash", "robot_names"]
+__all__ = [
+    "ROBOTS",
+    "Array",
+    "Limb",
+    "Robot",
+    "RobotError",
+    "RobotFiles",
+    "load_robot",
+    "robot_files",
+    "robot_hash",
+    "robot_names",
+]
 
 ROBOTS = MSGS / "robots"
 MOST_READ = 8
@@ -44,13 +55,37 @@ def robot_hash(folder: str | Path) -> str:
     return load_robot(folder).hash
 
 
-def load_robot(name_or_folder: str | Path) -> Robot:
-    """Reads a robot that ships with crux (by name) or any robot folder. Raises RobotError."""
+@dataclass(frozen=True)
+class RobotFiles:
+    """The two files of a robot folder, robot.yaml read."""
+
+    folder: Path
+    yaml_text: bytes
+    root: Node
+    keys: RobotYaml
+    urdf_path: Path
+    urdf_text: bytes
+
+
+def robot_files(name_or_folder: str | Path) -> RobotFiles:
+    """Of a robot that ships with crux (by name) or any robot folder. Raises RobotError where robot.yaml is wrong."""
     folder = Path(name_or_folder)
     if isinstance(name_or_folder, str) and name_or_folder in robot_names():
         folder = ROBOTS / name_or_folder
     try:
-        return _load(folder)
+        text = read_bytes(folder / "robot.yaml")
+        root, keys = _keys(text, str(folder / "robot.yaml"))
+        return RobotFiles(folder, text, root, keys, folder / keys.top["urdf"], read_bytes(folder / keys.top["urdf"]))
+    except RobotError:
+        raise
+    except DocumentError as error:
+        raise RobotError(error.path, error.problems) from None
+
+
+def load_robot(name_or_folder: str | Path) -> Robot:
+    """Reads a robot that ships with crux (by name) or any robot folder. Raises RobotError with all that is wrong."""
+    try:
+        return _load(robot_files(name_or_folder))
     except RobotError:
         raise
     except DocumentError as error:
@@ -67,68 +102,79 @@ _READ: dict[tuple[bytes, bytes], Robot] = {}
 """Descriptions that were found right, by their bytes: commands read the same one again and again."""
 
 
-def _load(folder: Path) -> Robot:
+def _load(files: RobotFiles) -> Robot:
+    folder, file, urdf_path, key = files.folder, files.keys, files.urdf_path, (files.yaml_text, files.urdf_text)
+    if key in _READ:
+        return replace(_READ[key], folder=folder, urdf_path=urdf_path)
     yaml_path = folder / "robot.yaml"
-    text = read_bytes(yaml_path)
-    root, file = _keys(text, str(yaml_path))
-    urdf_path = folder / file.top["urdf"]
-    urdf_text = read_bytes(urdf_path)
-    if (text, urdf_text) in _READ:
-        return replace(_READ[text, urdf_text], folder=folder, urdf_path=urdf_path)
-    xml = parse_xml(urdf_text, str(urdf_path))
-    urdf = parse_urdf(xml, str(urdf_path))
-    rules = RobotRules(urdf, str(urdf_path), file.top["body_link"])
-    rules.check_tree()
-    built = tuple(_limbs(rules, file))
+    xml = parse_xml(files.urdf_text, str(urdf_path))
+    read, problems = read_urdf(xml, str(urdf_path))
+    limbs = None if read is None else _limbs(RobotRules(read, file.top["body_link"], problems), file)
+    problems = [replace(problem, file=str(urdf_path)) for problem in problems]
+    if read is None or limbs is None:
+        raise RobotError(str(yaml_path), problems)
     robot = Robot(
         name=file.top["name"],
         folder=folder,
         urdf_path=urdf_path,
-        urdf=urdf,
+        urdf=read,
         body_link=file.top["body_link"],
-        limbs=typing.cast(tuple[Limb, Limb, Limb, Limb], built),
-        hash=hashlib.sha256(robot_meaning(root, xml).encode()).hexdigest(),
+        limbs=typing.cast(tuple[Limb, Limb, Limb, Limb], limbs),
+        hash=hashlib.sha256(robot_meaning(files.root, xml).encode()).hexdigest(),
         **file.sections,
     )
-    problems = [*motor_problems(robot), *gain_problems(robot), *joint_loop_problems(robot)]
+    problems += motor_problems(robot)
+    problems += gain_problems(robot)
+    if not any(problem.file for problem in problems):  # masses and limits that can be reckoned with
+        problems += joint_loop_problems(robot)
     if problems:
         raise RobotError(str(yaml_path), problems)
     if len(_READ) == MOST_READ:
         _READ.clear()
-    _READ[text, urdf_text] = robot
+    _READ[key] = robot
     return robot
 
 
-def _limbs(rules: RobotRules, file: RobotYaml) -> list[Limb]:
-    chains, built, names = {}, [], file.limb
+def _limbs(rules: RobotRules, file: RobotYaml) -> tuple[Limb, ...] | None:
+    """None where a limb has other joints than robot.yaml says; what is wrong is among the rules' problems."""
+    if not rules.check_tree():
+        return None
+    chains: dict[str, Chain] = {}
+    fingers: dict[str, tuple[str, str]] = {}
+    names = file.limb
     for name, limb in file.limbs.items():
-        bus, prefix = limb["bus"], limb["prefix"]
-        gripper_link = f"{prefix}_{names.gripper_frame}"
-        chains[name] = chain = rules.chain(name, gripper_link, [f"{prefix}_{joint}" for joint in names.joints])
-        one, other = names.finger_joints
-        fingers = (f"{prefix}_{one}", f"{prefix}_{other}")
-        rules.check_fingers(gripper_link, fingers, file.sections["gripper"].opening_m)
-        built.append(_limb(rules.urdf, name, bus, chain, fingers))
-    joints = rules.urdf.joints
-    fingers_too = (joints[finger] for limb in built for finger in limb.finger_joints)
-    rules.check_bodies([*(joint for chain in chains.values() for joint in chain), *fingers_too])
+        prefix = limb["prefix"]
+        gripper_link, (one, other) = f"{prefix}_{names.gripper_frame}", names.finger_joints
+        chain = rules.chain(name, gripper_link, [f"{prefix}_{joint}" for joint in names.joints])
+        both = (f"{prefix}_{one}", f"{prefix}_{other}")
+        there = rules.check_fingers(gripper_link, both, file.sections["gripper"].opening_m)
+        if chain is not None and there:
+            chains[name], fingers[name] = chain, both
+    if len(chains) < len(file.limbs):
+        return None
+    joints = [joint for chain in chains.values() for joint in chain.joints]
+    joints += [rules.urdf.joints[finger] for both in fingers.values() for finger in both]
+    rules.check_bodies(joints, [chain.gripper_link for chain in chains.values()])
     rules.check_mirrored(chains)
-    return built
+    return tuple(
+        _limb(rules.urdf, name, file.limbs[name]["bus"], chain, fingers[name]) for name, chain in chains.items()
+    )
 
 
-def _limb(urdf: Urdf, name: str, bus: int, chain: list[Joint], fingers: tuple[str, str]) -> Limb:
-    *joints, mount = chain
-    hand_mass, hand_com = _hand(urdf, mount.child, fingers)
+def _limb(urdf: Urdf, name: str, bus: int, chain: Chain, fingers: tuple[str, str]) -> Limb:
+    shoulder, _, elbow, wrist, *_, mount = chain.steps
+    hand_mass, hand_com = _hand(urdf, chain.gripper_link, fingers)
     return Limb(
         name=name,
         bus=bus,
-        joints=tuple(joints),
-        gripper_link=mount.child,
+        joints=chain.joints,
+        gripper_link=chain.gripper_link,
         finger_joints=fingers,
-        shoulder_b_m=np.array(joints[0].xyz_m),
-        mount_rad=joints[0].rpy_rad[2],
-        upper_link_m=joints[2].xyz_m[0],
-        lower_link_m=joints[3].xyz_m[0],
+        senses=np.array([step.sense for step in chain.steps[:-1]]),
+        shoulder_b_m=np.array(shoulder.xyz_m),
+        mount_rad=shoulder.rpy_rad[2],
+        upper_link_m=elbow.xyz_m[0],
+        lower_link_m=wrist.xyz_m[0],
         wrist_to_gripper_m=-mount.xyz_m[2],
         gripper_mount_rad=mount.rpy_rad[2],
         hand_mass_kg=hand_mass,
@@ -146,4 +192,4 @@ def _hand(urdf: Urdf, gripper_link: str, fingers: tuple[str, str]) -> tuple[floa
         middle = (joint.lower + joint.upper) / 2
         mass += finger.mass_kg
         moment += finger.mass_kg * (np.array(joint.xyz_m) + middle * np.array(joint.axis) + np.array(finger.com_m))
-    return mass, moment / mass
+    return mass, moment / max(mass, 1e-9)

@@ -16,13 +16,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Limb:
-    """One limb as YAML and URDF describe it together; SI units. Arrays have one value a joint, shoulder outwards."""
+    """One limb as YAML and URDF describe it together; SI units. Arrays have one value a joint, shoulder outwards.
+
+    Angles are those of the closed form, about the axes of robot_bounds.JOINT_AXES; joints count them times `senses`.
+    """
 
     name: str
     bus: int
     joints: tuple[Joint, ...]
     gripper_link: str
     finger_joints: tuple[str, str]
+    senses: Array
+    """(6,) -1 for joints that turn against the axis of the closed form, else 1."""
     shoulder_b_m: Array
     """(3,) where the first three axes start, body frame."""
     mount_rad: float
@@ -45,12 +50,14 @@ class Limb:
     @property
     def lower_rad(self) -> Array:
         """(6,)"""
-        return np.array([joint.lower for joint in self.joints])
+        ends = zip(self.joints, self.senses, strict=True)
+        return np.array([joint.lower if sense > 0 else -joint.upper for joint, sense in ends])
 
     @property
     def upper_rad(self) -> Array:
         """(6,)"""
-        return np.array([joint.upper for joint in self.joints])
+        ends = zip(self.joints, self.senses, strict=True)
+        return np.array([joint.upper if sense > 0 else -joint.lower for joint, sense in ends])
 
     @property
     def effort_Nm(self) -> Array:

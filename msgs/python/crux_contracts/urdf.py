@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from . import robot_bounds as bounds
 from .yaml_document import DocumentError, Problem
 
 Vector = tuple[float, float, float]
+Element = TypeVar("Element")
 MAX_BYTES = 4_000_000
 SHAPES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}}
 SHAPES["capsule"] = SHAPES["cylinder"]
@@ -100,11 +102,28 @@ def link_shapes(link: ET.Element) -> list[ET.Element]:
 
 
 class _Reader:
+    """Elements of a URDF. What is wrong with one that can be read nevertheless is noted in `problems`."""
+
     def __init__(self, path: str) -> None:
         self.path = path
+        self.problems: list[Problem] = []
 
     def fail(self, key: str, value: str, expected: str) -> UrdfError:
+        """Of an element that cannot be read."""
         return UrdfError(self.path, [Problem(key, value, expected)])
+
+    def note(self, key: str, value: str, expected: str) -> None:
+        self.problems.append(Problem(key, value, expected))
+
+    def each(self, elements: Iterable[ET.Element], read: Callable[[ET.Element], Element]) -> list[Element]:
+        """Those of the elements that can be read."""
+        found = []
+        for element in elements:
+            try:
+                found.append(read(element))
+            except UrdfError as error:
+                self.problems += error.problems
+        return found
 
     def numbers(
         self,
@@ -145,7 +164,7 @@ class _Reader:
             return Link(name, 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
         mass = self.numbers(inertial.find("mass"), "value", 1, None, key, _MASS)[0]
         if mass < 0:
-            raise self.fail(key, f"{mass:g}", "expected a mass of 0 kg or more")
+            self.note(key, f"{mass:g}", "expected a mass of 0 kg or more")
         tensor, origin = inertial.find("inertia"), inertial.find("origin")
         xx, xy, xz, yy, yz, zz = (self.numbers(tensor, moment, 1, "0", key)[0] for moment in _MOMENTS)
         com = self.vector(origin, "xyz", "0 0 0", key, _LENGTH)
@@ -161,12 +180,12 @@ class _Reader:
         small, middle, large = np.linalg.eigvalsh(inertia)
         value = f"principal moments of inertia {small:.3g}, {middle:.3g}, {large:.3g} kg m2"
         if small < mass * bounds.MIN_GYRATION_M**2:
-            raise self.fail(key, value, "expected all of them above 0")
-        if small + middle <= large * (1 + bounds.ALIKE):
-            raise self.fail(key, value, "expected each below the sum of the two others")
-        if large > mass * bounds.MAX_GYRATION_M**2:
+            self.note(key, value, "expected all of them above 0")
+        elif small + middle <= large * (1 + bounds.ALIKE):
+            self.note(key, value, "expected each below the sum of the two others")
+        elif large > mass * bounds.MAX_GYRATION_M**2:
             limit = f"{mass * bounds.MAX_GYRATION_M**2:.3g}"
-            raise self.fail(key, value, f"expected at most {limit} for {mass:g} kg: are these kg mm2?")
+            self.note(key, value, f"expected at most {limit} for {mass:g} kg: are these kg mm2?")
 
     def check_shapes(self, link: ET.Element, key: str) -> None:
         for shape in link_shapes(link):
@@ -178,11 +197,12 @@ class _Reader:
                 cure = (
                     f"expected {', '.join(SHAPES)}: what collides is a link's <collision>, its <visual> if it has none"
                 )
-                raise self.fail(key, found, cure)
+                self.note(key, found, cure)
+                continue
             for attribute, count in sizes.items():
                 values = self.numbers(solid, attribute, count, None, key, _LENGTH)
                 if min(values) <= 0:
-                    raise self.fail(key, f'{attribute}="{solid.get(attribute)}"', "expected lengths above 0")
+                    self.note(key, f'{attribute}="{solid.get(attribute)}"', "expected lengths above 0")
 
     def joint(self, element: ET.Element) -> Joint:
         name = self.name(element, "name", "joint")
@@ -191,12 +211,9 @@ class _Reader:
         if kind not in KINDS:
             raise self.fail(key, kind, "expected revolute, prismatic, continuous or fixed")
         if element.find("mimic") is not None:
-            raise self.fail(key, "mimic", "expected a joint with a motor of its own")
+            self.note(key, "mimic", "expected a joint with a motor of its own")
         lower, upper, velocity, effort = self.limits(element.find("limit"), kind, key)
-        axis = self.vector(element.find("axis"), "xyz", "1 0 0", key, _ANY)
-        length = math.hypot(*axis)
-        if length < bounds.ALIKE or length > 1 / bounds.ALIKE:
-            raise self.fail(key, f"axis {shown(axis)}", "expected a direction")
+        axis = (1.0, 0.0, 0.0) if kind == "fixed" else self.axis(element.find("axis"), key)
         origin = element.find("origin")
         return Joint(
             name,
@@ -205,19 +222,28 @@ class _Reader:
             self.name(element.find("child"), "link", key),
             self.vector(origin, "xyz", "0 0 0", key, _LENGTH),
             self.vector(origin, "rpy", "0 0 0", key, _ANGLE),
-            (axis[0] / length, axis[1] / length, axis[2] / length),
+            axis,
             lower,
             upper,
             velocity,
             effort,
         )
 
+    def axis(self, element: ET.Element | None, key: str) -> Vector:
+        x, y, z = axis = self.vector(element, "xyz", "1 0 0", key, _ANY)
+        length = math.hypot(*axis)
+        if length < bounds.ALIKE or length > 1 / bounds.ALIKE:
+            self.note(key, f"axis {shown(axis)}", "expected a direction")
+            return (0.0, 0.0, 1.0)
+        return (x / length, y / length, z / length)
+
     def limits(self, limit: ET.Element | None, kind: str, key: str) -> tuple[float, float, float, float]:
         """Lower, upper, velocity, effort."""
         if kind in ("continuous", "fixed"):
             return -math.inf, math.inf, 0.0, 0.0
         if limit is None:
-            raise self.fail(key, "", "needs a limit")
+            self.note(key, "", "needs a limit")
+            return 0.0, 0.0, 0.0, 0.0
         turns = kind == "revolute"
         most = _ANGLE if turns else _LENGTH
         lower, upper = (self.numbers(limit, side, 1, "0", key, most)[0] for side in ("lower", "upper"))
@@ -226,9 +252,9 @@ class _Reader:
         )[0]
         effort = self.numbers(limit, "effort", 1, None, key, _Most(bounds.MAX_EFFORT, "Nm" if turns else "N", ""))[0]
         if not lower < upper:
-            raise self.fail(key, f"{lower:g}..{upper:g}", "expected lower below upper")
+            self.note(key, f"{lower:g}..{upper:g}", "expected lower below upper")
         if velocity <= 0 or effort <= 0:
-            raise self.fail(key, f"velocity {velocity:g}, effort {effort:g}", "expected positive limits")
+            self.note(key, f"velocity {velocity:g}, effort {effort:g}", "expected positive limits")
         return lower, upper, velocity, effort
 
 
@@ -266,19 +292,32 @@ def parse_xml(data: bytes, path: str) -> ET.Element:
 
 
 def parse_urdf(root: ET.Element, path: str) -> Urdf:
-    """Reads a URDF's <robot>. Raises UrdfError naming link or joint, value and what would be right."""
+    """Reads a URDF's <robot>. Raises UrdfError with all that is wrong: link or joint, value and what would be right."""
+    urdf, problems = read_urdf(root, path)
+    if problems or urdf is None:
+        raise UrdfError(path, problems)
+    return urdf
+
+
+def read_urdf(root: ET.Element, path: str) -> tuple[Urdf | None, list[Problem]]:
+    """A URDF's <robot> and all that is wrong with it; None where parts of it could not be read at all."""
     reader = _Reader(path)
-    links = [reader.link(element) for element in root.findall("link")]
-    joints = [reader.joint(element) for element in root.findall("joint")]
+    elements = root.findall("link"), root.findall("joint")
+    links, joints = reader.each(elements[0], reader.link), reader.each(elements[1], reader.joint)
+    whole = (len(links), len(joints)) == (len(elements[0]), len(elements[1]))
+    before = len(reader.problems)
     for kind, names in (("link", [link.name for link in links]), ("joint", [joint.name for joint in joints])):
         seen: set[str] = set()
         for name in names:
             if name in seen:
-                raise reader.fail(f"{kind} {name}", "", "expected once")
+                reader.note(f"{kind} {name}", "", "expected once")
             seen.add(name)
-    known = {link.name for link in links}
+    known = {element.get("name") for element in elements[0]}
     for joint in joints:
         for link_name in (joint.parent, joint.child):
             if link_name not in known:
-                raise reader.fail(f"joint {joint.name}", link_name, "no such link")
-    return Urdf(reader.name(root, "name", "robot"), {k.name: k for k in links}, {j.name: j for j in joints})
+                reader.note(f"joint {joint.name}", link_name, "no such link")
+    named = reader.each([root], lambda element: reader.name(element, "name", "robot"))
+    if not whole or len(reader.problems) > before:
+        return None, reader.problems
+    return Urdf(named[0], {k.name: k for k in links}, {j.name: j for j in joints}), reader.problems

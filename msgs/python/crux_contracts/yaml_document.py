@@ -43,15 +43,19 @@ def pasted_sign(text: str) -> str:
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing wrong with a file. `key` is a path like holds[2].size_m[0], empty for the file as a whole."""
+    """One thing wrong with a file. `key` is a path like holds[2].size_m[0], empty for the file as a whole. `file` is
+    another file than the one that was read first.
+    """
 
     key: str
     value: str
     expected: str
     line: int | None = None
+    file: str = ""
 
     def text(self, path: str) -> str:
         """file:line: key: value: what would be right."""
+        path = self.file or path
         place = path if self.line is None else f"{path}:{self.line}"
         expected = "; ".join(filter(None, (self.expected, pasted_sign(self.key + self.value))))
         return ": ".join(part for part in (place, self.key, self.value, expected) if part)

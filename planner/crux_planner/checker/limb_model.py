@@ -215,13 +215,14 @@ def axis_frame(axis: Array) -> Array:
 def load_model(robot: Robot) -> WholeRobot:
     """The robot's links, joints and shapes from its URDF. Raises RobotModelError."""
     limbs = tuple((limb.name, limb.gripper_link, limb.joint_names, limb.finger_joints) for limb in robot.limbs)
-    return _read_model(robot.urdf_path.read_bytes(), robot.body_link, limbs)
+    return read_model(robot.urdf_path.read_bytes(), robot.body_link, limbs)
 
 
 @lru_cache(maxsize=4)
-def _read_model(
+def read_model(
     urdf: bytes, body_link: str, limb_names: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...]
 ) -> WholeRobot:
+    """The same of a URDF, and of limbs by name, gripper link, joints from the body outwards, and finger joints."""
     root = ElementTree.fromstring(urdf)
     links = {e.attrib["name"]: _read_link(e) for e in root.iter("link")}
     joints = {e.attrib["name"]: _read_joint(e) for e in root.findall("joint")}
@@ -271,10 +272,12 @@ def _read_joint(element: ElementTree.Element) -> Joint:
         raise RobotModelError(f"joint {element.get('name')!r} lacks parent or child")
     origin, rotation = _origin(element.find("origin"))
     axis_element = element.find("axis")
-    axis = _vector(None if axis_element is None else axis_element.get("xyz"), "1 0 0")
+    turns = element.attrib["type"] != "fixed"  # what stands still may have an axis of no length
+    axis = _vector(axis_element.get("xyz") if axis_element is not None and turns else None, "1 0 0")
     bounds = {} if limit is None else limit.attrib
     limits = (float(bounds.get(name, default)) for name, default in _UNLIMITED.items())
-    names = element.attrib["name"], element.attrib["type"], parent.attrib["link"], child.attrib["link"]
+    kind = "revolute" if element.attrib["type"] == "continuous" else element.attrib["type"]
+    names = element.attrib["name"], kind, parent.attrib["link"], child.attrib["link"]
     return Joint(*names, origin, rotation, axis / np.linalg.norm(axis), *limits)
 
 

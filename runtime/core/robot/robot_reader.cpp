@@ -75,10 +75,11 @@ void read_limb(const Urdf& urdf, const LimbChain& chain, LimbDescription& limb) 
   for (const UrdfJoint* finger : chain.fingers) hand = hand + frame(*finger) * inertia_of(*urdf.link(finger->child));
   limb.hand_mass_kg = hand.getMass();
   limb.hand_com_G_m = vector(hand.getCOG());
-  for (int j = 0; j <= kJoints; ++j) {
-    const UrdfJoint& joint = *chain.joints[j];
-    if (j < kJoints) limb.joints[j] = {joint.lower, joint.upper, joint.velocity, joint.effort};
-    limb.chain.addSegment(segment(joint, j == kJoints ? hand : inertia_of(*urdf.link(joint.child))));
+  std::size_t moving = 0;
+  for (const UrdfJoint* joint : chain.joints) {
+    if (joint->kind != "fixed") limb.joints[moving++] = {joint->lower, joint->upper, joint->velocity, joint->effort};
+    const bool last = joint == chain.joints.back();
+    limb.chain.addSegment(segment(*joint, last ? hand : inertia_of(*urdf.link(joint->child))));
   }
 }
 

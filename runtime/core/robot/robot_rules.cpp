@@ -1,5 +1,7 @@
 #include "core/robot/robot_rules.hpp"
 
+#include <Eigen/Geometry>
+
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -18,6 +20,53 @@ bool same(double found, double wanted) { return std::abs(found - wanted) <= boun
 
 bool same(const Vector3& found, const Vector3& wanted) {
   return same(found.x(), wanted.x()) && same(found.y(), wanted.y()) && same(found.z(), wanted.z());
+}
+
+/// A joint of a limb, or the gripper's mount, placed in the frame of the joint before it.
+struct Step {
+  const UrdfJoint* joint;
+  Vector3 xyz_m;
+  Vector3 rpy_rad;
+  bool against;  ///< the joint turns against the axis that the closed form has
+};
+
+Matrix3 rotation(const Vector3& rpy_rad) {
+  using Turn = Eigen::AngleAxisd;
+  return (Turn(rpy_rad.z(), Vector3::UnitZ()) * Turn(rpy_rad.y(), Vector3::UnitY()) *
+          Turn(rpy_rad.x(), Vector3::UnitX()))
+      .toRotationMatrix();
+}
+
+Vector3 roll_pitch_yaw(const Matrix3& turn) {
+  const double level = std::hypot(turn(2, 1), turn(2, 2));
+  return {std::atan2(turn(2, 1), turn(2, 2)), std::atan2(-turn(2, 0), level), std::atan2(turn(1, 0), turn(0, 0))};
+}
+
+/// The joints that move, and all fixed ones behind the last of them as one; those in between move the next joint.
+std::vector<Step> steps(const std::vector<const UrdfJoint*>& chain) {
+  std::vector<Step> all;
+  Vector3 place = Vector3::Zero();
+  Matrix3 turn = Matrix3::Identity();
+  bool fixed = false;
+  for (const UrdfJoint* joint : chain) {
+    place += turn * joint->xyz_m;
+    turn = turn * rotation(joint->rpy_rad);
+    const bool last = joint == chain.back();
+    if (joint->kind == "fixed" && !last) {
+      fixed = true;
+      continue;
+    }
+    Step step{joint, fixed ? place : joint->xyz_m, fixed ? roll_pitch_yaw(turn) : joint->rpy_rad, false};
+    if (!last && all.size() < std::size(bounds::kJointAxes)) {
+      const auto& wanted = bounds::kJointAxes[all.size()];
+      step.against = joint->axis.dot(Vector3(wanted[0], wanted[1], wanted[2])) < 0.0;
+    }
+    all.push_back(step);
+    place.setZero();
+    turn.setIdentity();
+    fixed = false;
+  }
+  return all;
 }
 
 std::string range(double low, double high) { return shown(low) + ".." + shown(high); }
@@ -69,17 +118,19 @@ class Rules {
     if (!std::ranges::equal(moving, names.joints))
       refuse(path_, "limb " + limb, listed(moving),
              "expected the joints " + listed(names.joints) + " from the body outwards");
-    if (chain.size() != kJoints + 1 || chain.back()->kind != "fixed")
+    if (chain.back()->kind != "fixed")
       refuse(path_, "limb " + limb, "",
              "expected " + std::to_string(kJoints) + " joints and then the fixed mount of the gripper");
+    const std::vector<Step> all = steps(chain);
     for (int j = 0; j < kJoints; ++j) {
       const auto& wanted = bounds::kJointAxes[j];
       const Vector3 axis(wanted[0], wanted[1], wanted[2]);
-      if (chain[j]->kind != "revolute" || !same(chain[j]->axis, axis))
-        refuse_joint(*chain[j], chain[j]->kind + " about " + shown(chain[j]->axis),
-                     "expected revolute about " + shown(axis));
+      const UrdfJoint& joint = *all[j].joint;
+      if (joint.kind != "revolute" || !same(all[j].against ? Vector3(-joint.axis) : joint.axis, axis))
+        refuse_joint(joint, joint.kind + " about " + shown(joint.axis),
+                     "expected revolute about " + shown(axis) + ", or against it");
     }
-    check_origins(chain);
+    check_origins(all);
     return chain;
   }
 
@@ -107,8 +158,11 @@ class Rules {
   /// What moves has a mass, and nothing else has one or moves.
   void check_bodies(const PerLimb<LimbChain>& limbs) const {
     std::set<std::string> joints, parts = {body_link_};
-    const auto add = [&](const UrdfJoint* joint) { joints.insert(joint->name), parts.insert(joint->child); };
+    const auto add = [&](const UrdfJoint* joint) {
+      if (joint->kind != "fixed") joints.insert(joint->name), parts.insert(joint->child);
+    };
     for (const LimbChain& limb : limbs) {
+      parts.insert(limb.joints.back()->child);
       std::ranges::for_each(limb.joints, add);
       std::ranges::for_each(limb.fingers, add);
     }
@@ -126,28 +180,32 @@ class Rules {
 
   /// All limbs are mirror images of the first, each in the quadrant that its name says.
   void check_mirrored(const PerLimb<LimbChain>& limbs) const {
+    const std::vector<Step> first = steps(limbs[0].joints);
     for (int l = 0; l < kLimbs; ++l) {
       const std::string limb = kLimbNames[l];
       const double along = limb[1] == 'F' ? 1.0 : -1.0, aside = limb[0] == 'L' ? 1.0 : -1.0;
-      const UrdfJoint& shoulder = *limbs[l].joints[0];
+      const std::vector<Step> own = steps(limbs[l].joints);
+      const Step& shoulder = own[0];
       if (shoulder.xyz_m.x() * along <= bounds::kAlike || shoulder.xyz_m.y() * aside <= bounds::kAlike)
-        refuse_joint(shoulder, "xyz " + shown(shoulder.xyz_m),
+        refuse_joint(*shoulder.joint, "xyz " + shown(shoulder.xyz_m),
                      std::string("expected x ") + side(along) + " 0 and y " + side(aside) + " 0 for limb " + limb);
       for (int j = 0; j <= kJoints; ++j) {
-        const UrdfJoint &one = *limbs[0].joints[j], &other = *limbs[l].joints[j];
+        const Step &one = first[j], &other = own[j];
         const Vector3 mirror = j == 0 ? Vector3(along, aside, 1.0) : Vector3(1.0, 1.0, 1.0);
         const Vector3 place = one.xyz_m.cwiseProduct(mirror);
-        if (!same(other.xyz_m, place)) refuse_unlike(other, "xyz " + shown(other.xyz_m), shown(place), one);
-        const bool turned = along * aside < 0.0 && (j == 0 || j == 4 || j == 5);
-        const double low = turned ? -one.upper : one.lower, high = turned ? -one.lower : one.upper;
-        if (j < kJoints && (!same(other.lower, low) || !same(other.upper, high)))
-          refuse_unlike(other, range(other.lower, other.upper), range(low, high), one);
+        if (!same(other.xyz_m, place))
+          refuse_unlike(*other.joint, "xyz " + shown(other.xyz_m), shown(place), *one.joint);
+        const bool mirrored = along * aside < 0.0 && (j == 0 || j == 4 || j == 5);
+        const bool turned = mirrored != (one.against != other.against);
+        const double low = turned ? -one.joint->upper : one.joint->lower;
+        const double high = turned ? -one.joint->lower : one.joint->upper;
+        if (j < kJoints && (!same(other.joint->lower, low) || !same(other.joint->upper, high)))
+          refuse_unlike(*other.joint, range(other.joint->lower, other.joint->upper), range(low, high), *one.joint);
       }
-      const UrdfJoint& first = *limbs[0].joints[0];
-      const double x = along * std::cos(first.rpy_rad.z()), y = aside * std::sin(first.rpy_rad.z());
+      const double x = along * std::cos(first[0].rpy_rad.z()), y = aside * std::sin(first[0].rpy_rad.z());
       const double yaw = shoulder.rpy_rad.z();
       if (std::hypot(std::cos(yaw) - x, std::sin(yaw) - y) > bounds::kSameDirectionRad)
-        refuse_unlike(shoulder, "yaw " + shown(yaw, "%.4g"), shown(std::atan2(y, x), "%.4g"), first);
+        refuse_unlike(*shoulder.joint, "yaw " + shown(yaw, "%.4g"), shown(std::atan2(y, x), "%.4g"), *first[0].joint);
     }
   }
 
@@ -164,14 +222,15 @@ class Rules {
   static const char* side(double sign) { return sign > 0.0 ? "above" : "below"; }
 
   /// Links along x, a wrist in one point, the gripper on the last axis.
-  void check_origins(const std::vector<const UrdfJoint*>& chain) const {
+  void check_origins(const std::vector<Step>& all) const {
     const std::string least = shown(bounds::kMinLinkM);
     for (int j = 0; j <= kJoints; ++j) {
-      const UrdfJoint& joint = *chain[j];
-      const std::string xyz = "xyz " + shown(joint.xyz_m), rpy = "rpy " + shown(joint.rpy_rad);
-      const double x = joint.xyz_m.x(), y = joint.xyz_m.y(), z = joint.xyz_m.z();
+      const Step& step = all[j];
+      const UrdfJoint& joint = *step.joint;
+      const std::string xyz = "xyz " + shown(step.xyz_m), rpy = "rpy " + shown(step.rpy_rad);
+      const double x = step.xyz_m.x(), y = step.xyz_m.y(), z = step.xyz_m.z();
       if (j == 0 || j == kJoints) {
-        if (!same(joint.rpy_rad.x(), 0.0) || !same(joint.rpy_rad.y(), 0.0))
+        if (!same(step.rpy_rad.x(), 0.0) || !same(step.rpy_rad.y(), 0.0))
           refuse_joint(joint, rpy, "expected a turn about z only");
         if (j == kJoints && !(same(x, 0.0) && same(y, 0.0) && z <= -bounds::kMinLinkM))
           refuse_joint(joint, xyz, "expected the gripper on the last axis: 0 0 z, z at most -" + least);
@@ -180,10 +239,10 @@ class Rules {
       if (j == 2 || j == 3) {
         if (!same(y, 0.0) || !same(z, 0.0) || x < bounds::kMinLinkM)
           refuse_joint(joint, xyz, "expected a link along x: x 0 0, x at least " + least);
-      } else if (!same(joint.xyz_m, Vector3::Zero())) {
+      } else if (!same(step.xyz_m, Vector3::Zero())) {
         refuse_joint(joint, xyz, "expected 0 0 0: the axes meet in one point");
       }
-      if (!same(joint.rpy_rad, Vector3::Zero())) refuse_joint(joint, rpy, "expected 0 0 0");
+      if (!same(step.rpy_rad, Vector3::Zero())) refuse_joint(joint, rpy, "expected 0 0 0");
     }
   }
 

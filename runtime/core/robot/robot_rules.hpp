@@ -10,7 +10,7 @@
 
 namespace crux {
 
-/// Joints of one limb from the body outwards, the gripper's mount behind them, and its fingers.
+/// Joints of one limb from the body outwards, fixed ones among them and the gripper's mount last, and its fingers.
 struct LimbChain {
   std::vector<const UrdfJoint*> joints;
   std::array<const UrdfJoint*, 2> fingers{};

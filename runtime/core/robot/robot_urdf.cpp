@@ -86,11 +86,7 @@ class Reader {
     if (element.FirstChildElement("mimic") != nullptr)
       refuse(path_, key, "mimic", "expected a joint with a motor of its own");
     read_limits(element.FirstChildElement("limit"), key, joint);
-    const Vector3 axis = vector(element.FirstChildElement("axis"), "xyz", "1 0 0", key, kAny);
-    const double length = axis.stableNorm();
-    if (length < bounds::kAlike || length > 1.0 / bounds::kAlike)
-      refuse(path_, key, "axis " + shown(axis), "expected a direction");
-    joint.axis = axis / length;
+    if (joint.kind != "fixed") joint.axis = axis(element.FirstChildElement("axis"), key);
     const TiXmlElement* origin = element.FirstChildElement("origin");
     joint.parent = name(element.FirstChildElement("parent"), "link", key);
     joint.child = name(element.FirstChildElement("child"), "link", key);
@@ -129,6 +125,14 @@ class Reader {
                  const Most& most) const {
     const std::vector<double> v = numbers(element, attribute, 3, otherwise, key, most);
     return {v[0], v[1], v[2]};
+  }
+
+  Vector3 axis(const TiXmlElement* element, const std::string& key) const {
+    const Vector3 axis = vector(element, "xyz", "1 0 0", key, kAny);
+    const double length = axis.stableNorm();
+    if (length < bounds::kAlike || length > 1.0 / bounds::kAlike)
+      refuse(path_, key, "axis " + shown(axis), "expected a direction");
+    return axis / length;
   }
 
   /// What collides: every <collision>, or every <visual> where there is none.
