@@ -103,7 +103,9 @@ def arm_of(limb: Limb) -> tuple[Arm, Mounting]:
             position, rotation = np.zeros(3), frame.T
     poses.append((position, rotation))
     turns, offsets = np.array([turn for _, turn in poses[1:-1]]), np.array([offset for offset, _ in poses[1:]])
-    return Arm(turns, offsets, limb.lower_rad, limb.upper_rad), Mounting(*poses[0], poses[-1][1])
+    low = np.where(np.isfinite(limb.lower_rad), limb.lower_rad, -np.pi)  # a whole turn of joints without limits
+    high = np.where(np.isfinite(limb.upper_rad), limb.upper_rad, np.pi)
+    return Arm(turns, offsets, low, high), Mounting(*poses[0], poses[-1][1])
 
 
 @dataclass(frozen=True)
