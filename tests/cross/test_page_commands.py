@@ -36,7 +36,7 @@ RUN: dict[str, tuple[list[str], set[int]]] = {
     r"crux plan my-wall.yaml -o out/my-wall.mcap": ([], {0}),
     r"crux check (out/my-wall.mcap|PLAN.mcap)": ([], {0}),
     r"crux log (ls.*|info .*|note .*|cut .*|merge .*|recover .*|export .*|lcm .*)": ([], {0}),
-    r"crux (key (new|show.*)|completion bash|--help)": ([], {0}),
+    r"crux (key (new|show.*)|completion bash|(robot import )?--help)": ([], {0}),
 }
 # Run by a sweep, for they take longer: first this climb, whose log the others read.
 CLIMB: dict[str, tuple[list[str], set[int]]] = {
@@ -68,6 +68,8 @@ ELSEWHERE = {
         "certificate",
     ),
     r"crux plan SCENARIO -o NEW.mcap --from .*": ("tests/planner/pipeline/test_plan_cli.py", '"--from"'),
+    r"crux robot import maker.urdf .*|crux robot check robots/mine": ("tests/tools/test_robot_import.py", '"import"'),
+    r"crux robot check .*": ("tests/tools/test_robot_check.py", '"check"'),
     r"python examples/\S+ .*": ("tests/examples/test_examples.py", 'example("plan_a_wall")'),
     r"python tests/msgs/msgs_golden.py": ("tests/msgs/test_golden.py", "msgs_golden"),
     r"cmake --install.*": ("tests/packaging/test_install.py", '"--install"'),

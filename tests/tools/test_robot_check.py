@@ -1,0 +1,114 @@
+"""`crux robot check`: of the shipped robot, of one that cannot climb, and of one that the planner does not take."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from crux_contracts.robot import ROBOTS
+from crux_tools import cli
+from crux_tools.robot.described import described
+from crux_tools.robot.loads import least_load
+from crux_tools.robot.stance import limb_reach, stance
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    shutil.copytree(ROBOTS / "scaler", tmp_path / "robot")
+    return tmp_path / "robot"
+
+
+def spoil(folder: Path, right: str, wrong: str) -> None:
+    path = folder / "scaler.urdf"
+    assert right in path.read_text()
+    path.write_text(path.read_text().replace(right, wrong))
+
+
+def checked(folder: Path | str, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any], dict[str, Any]]:
+    status = cli.main(["robot", "check", str(folder), "--json"])
+    said = json.loads(capsys.readouterr().out)
+    return status, said, {check["topic"]: check for check in said["checks"]}
+
+
+def test_the_shipped_robot_is_good_but_for_its_heat(capsys: pytest.CaptureFixture[str]) -> None:
+    status, said, by_topic = checked("scaler", capsys)
+    assert (status, said["ok"], said["problems"]) == (0, True, [])
+    assert [topic for topic, check in by_topic.items() if check["verdict"] != "good"] == ["continuous torques"]
+    assert "9.60 kg" in by_topic["masses"]["found"]
+
+
+def test_a_robot_that_the_planner_does_not_take_is_checked_nevertheless(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoil(folder, '<origin xyz="0.2 0 0" rpy="0 0 0"/>', '<origin xyz="0.2 0.01 0" rpy="0.1 0 0"/>')
+    spoil(folder, 'effort="6"', 'effort="0.5"')
+    status, said, by_topic = checked(folder, capsys)
+    assert status == 1
+    assert len(said["problems"]) == 8  # every joint4: place and turn
+    assert all("_joint4" in problem for problem in said["problems"])
+    assert by_topic["reach"]["verdict"] == "good"
+    assert "does not hold" in by_topic["peak torques"]["remedy"]
+
+
+def test_limbs_that_reach_no_hold_are_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    spoil(folder, '<limit lower="-2.2" upper="2.2"', '<limit lower="-0.2" upper="0.2"')
+    status, _, by_topic = checked(folder, capsys)
+    assert status == 1
+    assert "LF, RF, LR, RR: no grip" in by_topic["reach"]["remedy"]
+    assert "peak torques" not in by_topic
+
+
+def test_loads_grow_with_the_weight_and_with_a_limb_in_the_air(folder: Path) -> None:
+    def loads(name: str | Path) -> tuple[float, float, float]:
+        robot = described(str(name))
+        assert robot.model is not None
+        where = stance(robot.model, [limb_reach(limb, robot.sections) for limb in robot.model.limbs], 0.03)
+        peaks = [np.array([joint.effort for joint in limb.joints]) for limb in robot.model.limbs]
+        found = [least_load(where, *args) for args in ((0.0, peaks, 2.2, 1e3), (np.pi, peaks, 2.2, 1e3))]
+        found.append(least_load(where, 0.0, peaks, 2.2, 1e3, 0))
+        flat, overhead, lifted = (load.share if load is not None else np.inf for load in found)
+        return flat, overhead, lifted
+
+    flat, overhead, lifted = loads(ROBOTS / "scaler")
+    assert overhead == pytest.approx(flat, rel=1e-6)  # all forces turn around
+    assert lifted > 1.2 * flat
+    path = folder / "scaler.urdf"
+    doubled = re.sub(r'<mass value="([^"]+)"', lambda mass: f'<mass value="{2 * float(mass[1])}"', path.read_text())
+    path.write_text(doubled)
+    assert loads(folder) == pytest.approx((2 * flat, 2 * overhead, 2 * lifted), rel=1e-6)
+
+
+def test_holds_without_friction_hold_nothing(folder: Path) -> None:
+    robot = described(str(folder))
+    assert robot.model is not None
+    where = stance(robot.model, [limb_reach(limb, robot.sections) for limb in robot.model.limbs], 0.03)
+    peaks = [np.full(6, 1e3)] * 4
+    assert least_load(where, np.pi / 2, peaks, 2.2, 60.0) is not None
+    assert least_load(where, np.pi / 2, peaks, 0.05, 60.0) is None
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ('mass value="2.8"', 'mass value="nan"'),
+        ('xyz="0.15 0 0"', 'xyz="1e300 0 0"'),
+        ('xyz="0.15 0 0"', 'xyz="0.15 0"'),
+        ('<axis xyz="0 -1 0"/>', '<axis xyz="0 0 0"/>'),
+        ('<box size="0.30 0.22 0.06"/>', '<box size="0.3 0.2"/>'),
+        ('<parent link="base"/>', '<parent link="LF_gripper"/>'),
+        ('<joint name="LF_joint2"', '<joint name="LF_hip"'),
+    ],
+)
+def test_what_cannot_be_reckoned_with_is_told(
+    right: str, wrong: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoil(folder, right, wrong)
+    status, said, by_topic = checked(folder, capsys)
+    assert status == 1
+    assert said["problems"]
+    assert list(by_topic) == ["description", "kinematics"]

@@ -1,0 +1,182 @@
+"""`crux robot import`: the shipped robot, told in another way, comes back; what nobody says is listed at once."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+from crux_contracts.robot import ROBOTS, load_robot
+from crux_contracts.urdf import rotation
+from crux_tools import cli
+
+LIMBS = {"LF": "", "RF": "1", "LR": "3", "RR": "2"}
+KINDS = ("yaw", "hip", "knee", "pitch", "roll", "turn")
+MAPPING = """
+name: mine
+like: scaler
+body_link: trunk
+limbs: {LF: "", RF: 1, LR: 3, RR: 2}
+joints: ["yaw{}", "hip{}", "knee{}", "pitch{}", "roll{}", "turn{}"]
+gripper: {link: "palm{}", origin_m: [0, 0, -0.03], rpy_rad: [0, 0, 0]}
+fingers: ["left{}", "right{}"]
+locked: {"tail": 0.3}
+limits_rad: {turn: [-2.9, 2.9]}
+effort_Nm: {default: 12, pitch: 6, roll: 6, turn: 6}
+speed_rad_s: {default: 4.8}
+finger: {effort_N: 60, speed_m_s: 0.02}
+"""
+
+
+def text(values: object) -> str:
+    return " ".join(f"{float(v):.15g}" for v in np.asarray(values))
+
+
+def rpy(turn: np.ndarray) -> np.ndarray:
+    return np.asarray(pinocchio.rpy.matrixToRpy(turn))
+
+
+def in_other_words(root: ET.Element) -> None:
+    """The shipped URDF with a maker's conventions: every joint about the z of its own frame, some of them backwards,
+    other names, a continuous last joint, no efforts, gripper and fingers measured from elsewhere."""
+    turns = {"base": np.eye(3)}
+    names = {"base": "trunk"}
+    for joint in root.findall("joint"):
+        name = joint.attrib["name"]
+        limb, kind = name.split("_", 1)
+        parent, child, origin = (joint.find(tag) for tag in ("parent", "child", "origin"))
+        assert parent is not None
+        assert child is not None
+        assert origin is not None
+        own = np.eye(3)
+        axis = joint.find("axis")
+        if axis is not None and joint.get("type") == "revolute":
+            z = np.array([float(v) for v in axis.attrib["xyz"].split()])
+            index = int(kind[-1]) - 1
+            if index in (1, 5):
+                z = -z
+                limit = joint.find("limit")
+                assert limit is not None
+                low, high = limit.attrib["lower"], limit.attrib["upper"]
+                limit.set("lower", str(-float(high)))
+                limit.set("upper", str(-float(low)))
+            x = np.roll(z, 1)
+            own = np.column_stack([x, np.cross(z, x), z])
+            axis.set("xyz", "0 0 1")
+            joint.set("name", KINDS[index] + LIMBS[limb])
+            if index == 5:
+                joint.set("type", "continuous")
+        before = turns[parent.attrib["link"]]
+        xyz = np.array([float(v) for v in origin.attrib["xyz"].split()])
+        turn = rotation(tuple(float(v) for v in origin.get("rpy", "0 0 0").split()))  # type: ignore[arg-type]
+        if kind == "mount":
+            xyz[2] += 0.03
+        if joint.get("type") == "prismatic":
+            xyz[2] -= 0.03
+            joint.set("name", ("left" if kind.startswith("finger1") else "right") + LIMBS[limb])
+            limit = joint.find("limit")
+            assert limit is not None
+            limit.set("effort", "0")
+        origin.set("xyz", text(before.T @ xyz))
+        origin.set("rpy", text(rpy(before.T @ turn @ own)))
+        turns[child.attrib["link"]] = own
+        names[child.attrib["link"]] = f"palm{LIMBS[limb]}" if kind == "mount" else child.attrib["link"] + "_x"
+    for link in root.findall("link"):
+        turn, shift = turns[link.attrib["name"]].T, np.zeros(3)
+        if link.attrib["name"].endswith("gripper"):
+            shift = np.array([0.0, 0.0, -0.03])
+        for origin in link.iter("origin"):
+            xyz = np.array([float(v) for v in origin.get("xyz", "0 0 0").split()])
+            own = rotation(tuple(float(v) for v in origin.get("rpy", "0 0 0").split()))  # type: ignore[arg-type]
+            origin.set("xyz", text(turn @ (xyz + shift)))
+            origin.set("rpy", text(rpy(turn @ own)))
+    for element in root.iter():
+        for key in ("link", "name"):
+            if element.tag in ("link", "parent", "child") and key in element.attrib:
+                element.set(key, names[element.attrib[key]])
+
+
+def maker(folder: Path) -> Path:
+    tree = ET.parse(ROBOTS / "scaler" / "scaler.urdf")
+    root = tree.getroot()
+    in_other_words(root)
+    mass = root.find("link[@name='trunk']/inertial/mass")
+    assert mass is not None
+    mass.set("value", "2.6")
+    inertia = '<inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/>'
+    root.append(ET.fromstring(f'<link name="vane"><inertial><mass value="0.2"/>{inertia}</inertial></link>'))
+    root.append(
+        ET.fromstring(
+            '<joint name="tail" type="continuous"><parent link="trunk"/><child link="vane"/><axis xyz="0 1 0"/></joint>'
+        )
+    )
+    path = folder / "maker.urdf"
+    tree.write(path)
+    return path
+
+
+def test_the_shipped_robot_in_other_words_comes_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "mapping.yaml").write_text(MAPPING)
+    words = ["robot", "import", str(maker(tmp_path)), "--mapping", str(tmp_path / "mapping.yaml")]
+    assert cli.main([*words, "-o", str(tmp_path / "mine"), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["taken"], said["problems"]) == (True, [])
+    one, other = load_robot("scaler"), load_robot(tmp_path / "mine")
+    for a, b in zip(one.limbs, other.limbs, strict=True):
+        assert list(b.senses) == [1, -1, 1, 1, 1, -1]
+        for key in ("lower_rad", "upper_rad", "effort_Nm", "velocity_rad_s", "shoulder_b_m", "hand_com_g_m"):
+            assert getattr(b, key) == pytest.approx(getattr(a, key), abs=1e-8), key
+        for key in ("mount_rad", "upper_link_m", "lower_link_m", "wrist_to_gripper_m", "gripper_mount_rad"):
+            assert getattr(b, key) == pytest.approx(getattr(a, key), abs=1e-8), key
+        for own, others in zip(a.joints, b.joints, strict=True):
+            assert one.urdf.links[own.child].com_m == pytest.approx(other.urdf.links[others.child].com_m, abs=1e-7)
+            inertia = other.urdf.links[others.child].inertia_kg_m2
+            assert one.urdf.links[own.child].inertia_kg_m2 == pytest.approx(inertia, abs=1e-9)
+    assert other.urdf.links["base"].mass_kg == pytest.approx(2.8)  # with the tail
+    assert other.total_mass_kg == pytest.approx(one.total_mass_kg)
+    model = pinocchio.buildModelFromUrdf(str(other.urdf_path))  # it is a URDF to others, too
+    assert pinocchio.computeTotalMass(model) == pytest.approx(one.total_mass_kg - 2.8)
+
+
+def test_everything_that_is_missing_is_listed_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    gone = ("locked", "limits_rad", "effort", "speed", "finger:", "like")
+    lines = [line for line in MAPPING.splitlines() if not line.startswith(gone)]
+    (tmp_path / "mapping.yaml").write_text("\n".join([*lines, "colour: red"]))
+    urdf = maker(tmp_path)
+    urdf.write_text(urdf.read_text().replace('effort="12"', 'effort="0"'))
+    words = ["robot", "import", str(urdf), "--mapping", str(tmp_path / "mapping.yaml")]
+    assert cli.main([*words, "-o", str(tmp_path / "mine"), "--json"]) == 2
+    errors = json.loads(capsys.readouterr().out)["error"].splitlines()
+    told = [line.removeprefix(f"{tmp_path / 'mapping.yaml'}: ") for line in errors]
+    for start in (
+        "colour: unknown key",
+        "like: is missing",
+        "locked.tail: continuous: is missing",
+        "limits_rad: turn: is missing",
+        "effort_Nm: yaw, hip, knee, turn: is missing",
+        "speed_rad_s: turn: is missing",
+        "finger.effort_N: is missing",
+    ):
+        assert sum(line.startswith(start) for line in told) == 1, (start, told)
+    assert len(told) == 7
+    assert not (tmp_path / "mine").exists()
+
+
+def test_without_a_mapping_it_says_what_one_needs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["robot", "import", str(maker(tmp_path)), "-o", str(tmp_path / "mine")]) == 2
+    errors = capsys.readouterr().err
+    for key in ("name", "like", "body_link", "limbs", "joints", "gripper", "fingers"):
+        assert f"MAPPING: {key}: is missing" in errors
+
+
+def test_a_folder_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "mapping.yaml").write_text(MAPPING)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "robot.yaml").write_text("mine")
+    words = ["robot", "import", str(maker(tmp_path)), "--mapping", str(tmp_path / "mapping.yaml")]
+    assert cli.main([*words, "-o", str(tmp_path / "mine")]) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert (tmp_path / "mine" / "robot.yaml").read_text() == "mine"

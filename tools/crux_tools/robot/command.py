@@ -1,0 +1,116 @@
+"""`crux robot`: each action's parser sets `action`, a function of the options."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from pathlib import Path
+from typing import Any
+
+from crux_tools.arguments import positive, taught
+from crux_tools.output import add_json_option
+
+
+def add_parser(subparsers: Any) -> None:
+    """Adds `crux robot` with its actions."""
+    parser = subparsers.add_parser(
+        "robot",
+        help="bring a robot in, and check what it can do",
+        **taught(
+            "Robot descriptions: a folder with robot.yaml and a URDF. import makes one of a URDF and a mapping. "
+            "check says what is wrong with one, all at once, and what the robot reaches and holds, also where planner "
+            "and runtime do not take it yet.",
+            "crux robot import maker.urdf --mapping mapping.yaml -o robots/mine",
+            "crux robot check robots/mine",
+        ),
+    )
+    actions = parser.add_subparsers(dest="robot_action", metavar="ACTION", required=True)
+    _add_import(actions)
+    _add_check(actions)
+
+
+def _add_import(actions: Any) -> None:
+    from crux_tools.robot.mapping import EXAMPLE
+
+    how = taught(
+        "Makes a robot folder of a maker's URDF: a body, and limbs of six joints, a gripper and two fingers. What is "
+        "fixed or locked to a link becomes part of it; frames, senses and names become crux's. What a URDF cannot say "
+        "stands in a mapping; everything that neither says is listed at once, and nothing is written then. Exit status "
+        "0 also where planner and runtime do not take the robot yet: `crux robot check` gives every reason.",
+        "crux robot import maker.urdf --mapping mapping.yaml -o robots/mine",
+    )
+    how["epilog"] += "\n\na mapping:\n" + textwrap.indent(EXAMPLE, "  ")
+    parser = actions.add_parser("import", help="make a robot folder of a URDF and a mapping", **how)
+    parser.add_argument("urdf", type=Path, metavar="URDF", help="of the robot's makers")
+    parser.add_argument("--mapping", type=Path, metavar="FILE", help="what the URDF does not say (see below)")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="the new robot folder")
+    add_json_option(parser)
+    parser.set_defaults(action=_import)
+
+
+def _import(options: argparse.Namespace) -> int:
+    from crux_tools.output import note, print_json
+    from crux_tools.robot.imported import imported
+
+    done = imported(options.urdf, options.mapping, options.output)
+    for line in done.assumed:
+        note(line)
+    taken = "take it" if not done.problems else f"do not take it, for {len(done.problems)} reasons"
+    note(f"{done.folder}: planner and runtime {taken}; next: crux robot check {done.folder}")
+    if options.json:
+        result = {"ok": True, "folder": str(done.folder), "assumed": done.assumed}
+        print_json({**result, "taken": not done.problems, "problems": done.problems})
+    return 0
+
+
+def _add_check(actions: Any) -> None:
+    parser = actions.add_parser(
+        "check",
+        help="description, kinematics, masses, reach, collisions, loads and gains of a robot",
+        **taught(
+            "Checks a robot description and the robot that it describes: everything that is wrong with the files; "
+            "joints, masses and limits; where the grippers reach the wall; a stance in the middle of that, its "
+            "clearances, and what share of the peak and the continuous torques it takes to hang there on walls of 0 "
+            "to 180 degrees, on four limbs and on three; how late the drives may answer. Exit status 1: something is "
+            "bad.",
+            "crux robot check scaler",
+            "crux robot check robots/mine --friction 0.8 --json",
+        ),
+    )
+    parser.add_argument("robot", metavar="ROBOT", help="name of a robot that ships with crux, or a robot folder")
+    parser.add_argument(
+        "--friction", type=positive, default=2.2, metavar="MU", help="of the holds (default: %(default)g, sandpaper)"
+    )
+    add_json_option(parser)
+    parser.set_defaults(action=_check)
+
+
+def _check(options: argparse.Namespace) -> int:
+    import dataclasses
+
+    from crux_tools.output import note, print_json, progress
+    from crux_tools.preflight.command import MARKS
+    from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD
+    from crux_tools.robot.check import findings
+    from crux_tools.robot.described import described
+
+    robot = described(options.robot)
+    found = []
+    with progress("checking", 8) as bar:
+        for done, finding in enumerate(findings(robot, options.friction)):
+            found.append(finding)
+            bar.at(done)
+            note(f"{MARKS[finding.verdict]}  {finding.topic}: {finding.found}")
+            if finding.verdict != GOOD and finding.remedy:
+                note(f"          {finding.remedy}")
+    bad, doubtful = (sum(each.verdict == verdict for each in found) for verdict in (BAD, DOUBTFUL))
+    note(f"{bad} bad, {doubtful} doubtful, {len(found) - bad - doubtful} good")
+    if options.json:
+        checks = [dataclasses.asdict(finding) for finding in found]
+        print_json({"ok": bad == 0, "problems": robot.problems, "checks": checks})
+    return 0 if bad == 0 else 1
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit status of the action."""
+    return int(options.action(options))

@@ -1,0 +1,106 @@
+"""`crux robot import`: a maker's URDF and a mapping become a robot folder, or all that is missing is told at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from crux_contracts.robot import RobotError, load_robot, robot_files, robot_names
+from crux_contracts.urdf import parse_xml, read_urdf
+from crux_contracts.yaml_document import Plain, Problem, read_bytes, values
+
+from crux_tools.errors import UsageError
+from crux_tools.robot.facts import Facts, JointFacts
+from crux_tools.robot.mapping import Mapping, MappingError, read_mapping
+from crux_tools.robot.serial import Reader
+from crux_tools.robot.written import robot_yaml, urdf_text
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A robot folder, what was assumed for it, and why planner and runtime do not take it, if so."""
+
+    folder: Path
+    assumed: list[str]
+    problems: list[str]
+
+
+def imported(urdf_path: Path, mapping_path: Path | None, folder: Path) -> Imported:
+    """Raises DocumentError with everything that is missing or wrong; then nothing is written."""
+    if folder.exists() and any(folder.iterdir()):
+        raise UsageError(f"{folder}: is there already: name another folder, or take it away")
+    problems: list[Problem] = []
+    mapping = read_mapping(mapping_path, problems)
+    text = read_bytes(urdf_path)
+    if b"<xacro:" in text:
+        raise UsageError(f"{urdf_path}: is xacro: make a URDF of it first, by `xacro FILE -o robot.urdf`")
+    root = parse_xml(text, str(urdf_path))
+    urdf, found = read_urdf(root, str(urdf_path))
+    if urdf is None:
+        raise MappingError(str(urdf_path), found)
+    if any(not getattr(mapping, key) for key in ("body_link", "limbs", "joints", "gripper", "fingers")):
+        raise MappingError(mapping.path, problems)
+    own = {f"joint {mapping.of(name, limb)}" for name in mapping.joints for limb in mapping.limbs}
+    mimics = [each for each in found if each.value == "mimic" and each.key in own]
+    problems += [replace(each, file=str(urdf_path)) for each in mimics]
+    if mapping.like and mapping.like not in robot_names():
+        problems.append(Problem("like", mapping.like, f"expected one of {', '.join(robot_names())}"))
+    body, limbs = Reader(urdf, root, mapping, problems).whole()
+    facts, numbers = Facts(mapping, problems), {}
+    for limb in limbs:
+        joints = [facts.joint(name, joint) for name, joint in zip(mapping.joints, limb.joints, strict=True)]
+        numbers[limb.name] = joints, facts.finger(limb.fingers)
+    if len(limbs) == len(mapping.limbs):
+        facts.scale_masses(body, limbs)
+    meshes = body.meshes or any(part.meshes for limb in limbs for part in limb.parts)
+    if meshes and mapping.capsule_radius_m is None:
+        facts.missing("capsule_radius_m", "the URDF has meshes; capsules of this radius along the links stand for them")
+    facts.tell()
+    like = _plain(mapping)
+    problems += _unknown(mapping, like)
+    if problems:
+        raise MappingError(mapping.path, problems)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{mapping.name}.urdf").write_text(urdf_text(mapping, body, limbs, numbers), encoding="utf-8")
+    first: JointFacts = numbers[limbs[0].name][1]
+    (folder / "robot.yaml").write_text(robot_yaml(mapping, like, first), encoding="utf-8")
+    return Imported(folder, _assumed(mapping, meshes), _refusals(folder))
+
+
+def _plain(mapping: Mapping) -> dict[str, Plain]:
+    """robot.yaml of the robot that the mapping is like."""
+    if mapping.like not in robot_names():
+        return {}
+    content = values(robot_files(mapping.like).root)
+    return content if isinstance(content, dict) else {}
+
+
+def _unknown(mapping: Mapping, like: dict[str, Plain]) -> list[Problem]:
+    """Keys of `set` that robot.yaml does not have."""
+    found = []
+    for place in mapping.set if like else {}:
+        name, _, key = str(place).partition(".")
+        section = like.get(name)
+        if not isinstance(section, dict) or key not in section or name in ("limbs", "limb"):
+            found.append(Problem(f"set.{place}", "", "no such key of robot.yaml; right is SECTION.KEY"))
+    return found
+
+
+def _assumed(mapping: Mapping, meshes: bool) -> list[str]:
+    """What nobody said, in words."""
+    found = [f"[A] all of robot.yaml that is marked so is {mapping.like}'s: motors, gains, sensors, limits of control"]
+    if mapping.locked:
+        found.append(f"[A] {', '.join(mapping.locked)} stay where they are; their links weigh where they are then")
+    if mapping.masses_kg:
+        found.append("[A] masses and inertias are the URDF's, scaled")
+    if meshes:
+        found.append("[A] shapes in place of meshes are capsules along the links, and a box between the shoulders")
+    return found
+
+
+def _refusals(folder: Path) -> list[str]:
+    try:
+        load_robot(folder)
+    except RobotError as error:
+        return [problem.text(error.path) for problem in error.problems]
+    return []

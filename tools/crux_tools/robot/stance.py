@@ -1,0 +1,127 @@
+"""Where a robot's grippers reach the wall, and a stance in the middle of that: any chains, by the checker's kinematics.
+
+The body is level, at the middle of its heights; the body frame's x goes up the wall.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from crux_planner.checker import geometry
+from crux_planner.checker.inverse_kinematics import solve
+from crux_planner.checker.limb_model import ChainState, Limb, WholeRobot
+from crux_planner.checker.parts import Part, shapes
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+STEP_M = 0.04
+YAWS = 5  # over the range of grasp.gripper_yaw_rad
+MARGIN_RAD = 0.05  # to joint limits
+FOUND_M, FOUND_RAD = 1e-4, 1e-3  # of a solution from the pose
+
+
+@dataclass(frozen=True)
+class LimbReach:
+    """Places (m, 2) on the wall, and joint angles (m, J), at the yaw at which the limb reaches most of them."""
+
+    limb: Limb
+    yaw_rad: float
+    height_m: float
+    places_m: Array
+    q_rad: Array
+
+    @property
+    def area_m2(self) -> float:
+        return len(self.places_m) * STEP_M**2
+
+    @property
+    def middle(self) -> int:
+        """Of the places the one nearest to their mean."""
+        away = np.linalg.norm(self.places_m - self.places_m.mean(axis=0), axis=1)
+        return int(away.argmin())
+
+
+def limb_reach(limb: Limb, sections: dict[str, Any]) -> LimbReach:
+    """Of an upright gripper at the middle of its heights."""
+    (low, high), (pad_low, pad_high) = sections["body"].height_m, sections["grasp"].pad_height_m
+    height = (pad_low + pad_high) / 2 - (low + high) / 2
+    span = float(sum(np.linalg.norm(joint.origin_m) for joint in limb.chain[1:]))
+    shoulder = limb.chain[0].origin_m
+    outward = 1.0 if shoulder[1] >= 0 else -1.0
+    x = shoulder[0] + np.arange(-span, span + STEP_M, STEP_M)
+    y = outward * np.arange(0.0, abs(shoulder[1]) + span + STEP_M, STEP_M)
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    grid[1::2] = grid[1::2, ::-1]  # to and fro: each place is near the one before, from whose posture it is found
+    flat = grid.reshape(-1, 2)
+    places = np.column_stack([flat, np.full(len(flat), height)])
+    places = places[
+        np.argsort(np.linalg.norm(places - shoulder - [0.0, outward * span / 2, 0.0], axis=1), kind="stable")
+    ]
+    found = []
+    least, most = sections["grasp"].gripper_yaw_rad
+    for yaw in np.linspace(least, most, YAWS):
+        turn = np.broadcast_to(geometry.rotation_about_z(np.array([yaw])), (len(places), 3, 3))
+        (solution,) = solve([limb], [places], [turn])
+        good = (solution.position_error_m < FOUND_M) & (solution.rotation_error_rad < FOUND_RAD)
+        inside = (solution.q_rad >= limb.lower_rad + MARGIN_RAD) & (solution.q_rad <= limb.upper_rad - MARGIN_RAD)
+        good &= inside.all(axis=1)
+        found.append(LimbReach(limb, float(yaw), height, places[good, :2], solution.q_rad[good]))
+    return max(found, key=lambda each: len(each.places_m))
+
+
+@dataclass(frozen=True)
+class Stance:
+    """A robot on four grips: of every limb its angles (1, J), links, and gripper, in the body frame."""
+
+    model: WholeRobot
+    states: list[ChainState]
+    grippers_m: Array
+    yaws_rad: Array
+
+
+def stance(model: WholeRobot, reaches: list[LimbReach], opening_m: float) -> Stance:
+    """Every gripper in the middle of what its limb reaches; all limbs must reach something."""
+    states, places = [], []
+    for reach in reaches:
+        at = reach.middle
+        states.append(reach.limb.forward(reach.q_rad[at : at + 1], np.array([opening_m])))
+        places.append([*reach.places_m[at], reach.height_m])
+    return Stance(model, states, np.array(places), np.array([reach.yaw_rad for reach in reaches]))
+
+
+def closest(stance: Stance) -> tuple[float, str]:
+    """The least clearance [m] between limbs, and between limbs and the body, negative where they overlap."""
+    body = _parts([stance.model.body], None)
+    limbs = []
+    for limb, state in zip(stance.model.limbs, stance.states, strict=True):
+        limbs.append(_parts([link for link in limb.links if link.name not in limb.on_body], state))
+    pairs = [(f"{stance.model.limbs[i].name} to {stance.model.limbs[j].name}", limbs[i], limbs[j])
+             for i, j in combinations(range(len(limbs)), 2)]  # fmt: skip
+    pairs += [(f"{limb.name} to the body", parts, body) for limb, parts in zip(stance.model.limbs, limbs, strict=True)]
+    return min(
+        ((_gap(a, b), name) for name, first, second in pairs for a in first for b in second), default=(np.inf, "")
+    )
+
+
+def _parts(links: list[Any], state: ChainState | None) -> list[Part]:
+    found = []
+    for link in links:
+        place = np.zeros((1, 3)) if state is None else state.link_position_m[link.name]
+        turn = np.eye(3)[None] if state is None else state.link_rotation[link.name]
+        found += shapes("link", link, place, turn)
+    return found
+
+
+def _gap(a: Part, b: Part) -> float:
+    if a.half_m is None and b.half_m is not None:
+        a, b = b, a
+    if a.half_m is None or a.rotation is None:
+        return float(geometry.segment_to_segment(a.start, a.end, b.start, b.end)[0]) - a.radius_m - b.radius_m
+    back = a.rotation[0].T
+    start, end = (b.start - a.start) @ back.T, (b.end - a.start) @ back.T
+    if b.half_m is None or b.rotation is None:
+        return float(geometry.segment_to_box(start, end, a.half_m)[0]) - b.radius_m
+    return float(geometry.box_to_box(start, (back @ b.rotation[0])[None], b.half_m, a.half_m)[0])
