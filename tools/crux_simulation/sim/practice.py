@@ -53,7 +53,7 @@ def add_parser(subparsers: Any) -> None:
         "--world", type=Path, metavar="WORLD.yaml", help="how the simulated world differs from the plan"
     )
     parser.add_argument(
-        "--world-seed", type=whole(0), default=0, metavar="N", help="of the numbers that the world draws"
+        "--world-seed", type=whole(0), default=0, metavar="N", help="seed for the numbers that the world draws"
     )
     parser.add_argument(
         "--keys", type=Path, metavar="FILE", help="who may command it, as crux-runtime --keys (default: everybody)"

@@ -39,10 +39,10 @@ def add_edits(actions: Any) -> None:
     """Adds the parsers."""
     info = actions.add_parser(
         "info",
-        help="what a log holds",
+        help="show what a log holds",
         **taught(
             "Says when, where and by which versions a log was made, how the climb went, and what channels, metadata "
-            "and attached files are in it. Damaged logs, too, as far as they go.",
+            "and attached files are in it. Damaged logs are read as far as possible.",
             "crux log info out/climb.mcap",
         ),
     )
@@ -51,25 +51,34 @@ def add_edits(actions: Any) -> None:
     info.set_defaults(action=run_info)
     cut = actions.add_parser(
         "cut",
-        help="some seconds of a log",
+        help="cut out some seconds of a log",
         **taught(
-            "Writes the part of a log between two log times (those of crux report and crux replay), with all that the "
-            "log says of itself and the plan that was climbed. A part cannot be computed again (crux replay --check), "
-            "for the control core's state at its first cycle is not in it.",
+            "Writes the part of a log between two log times (as crux report and crux replay show them), with the log's "
+            "metadata and the plan that was climbed. crux replay --check cannot recompute a part, because the control "
+            "core's state at its first cycle is not in it.",
             "crux log cut out/climb.mcap -o out/slip.mcap --from 41.5 --to 44",
         ),
     )
     _log(cut)
-    cut.add_argument("--from", type=seconds, default=-math.inf, dest="from_s", metavar="S", help="(the log's begin)")
-    cut.add_argument("--to", type=seconds, default=math.inf, dest="to_s", metavar="S", help="(the log's end)")
+    cut.add_argument(
+        "--from",
+        type=seconds,
+        default=-math.inf,
+        dest="from_s",
+        metavar="S",
+        help="first second (default: the log's start)",
+    )
+    cut.add_argument(
+        "--to", type=seconds, default=math.inf, dest="to_s", metavar="S", help="last second (default: the log's end)"
+    )
     _output(cut)
     cut.set_defaults(action=run_cut)
     merge = actions.add_parser(
         "merge",
-        help="parts of one run, as one log",
+        help="join the parts of one run",
         **taught(
-            "Writes the parts of one run as one log, in the order of time; what several parts hold is in it once. Logs "
-            "of different runs are refused.",
+            "Joins the parts of one run into one log, in the order of time; what several parts hold is written once. "
+            "Logs of different runs are refused.",
             "crux log merge out/a.mcap out/b.mcap -o out/whole.mcap",
         ),
     )
@@ -78,10 +87,10 @@ def add_edits(actions: Any) -> None:
     merge.set_defaults(action=run_merge)
     recover = actions.add_parser(
         "recover",
-        help="a whole file of a log that is cut off or damaged",
+        help="repair a log that is cut off or damaged",
         **taught(
-            "Writes all that can be read of a log into a whole file with an index, which tools open that refuse the "
-            "damaged one. What was lost is said.",
+            "Writes everything that can be read of a damaged log into a complete file with an index, which other tools "
+            "can open. Says what was lost.",
             "crux log recover out/killed.mcap -o out/whole.mcap",
         ),
     )

@@ -29,12 +29,12 @@ FORMS = {
     "candump": "the same as candump -L writes it, for can-utils",
 }
 TABLES, CAN = ("parquet", "csv"), ("asc", "blf", "candump")
-_DESCRIPTION = """Writes a log anew, so that other tools see a robot that climbs and not numbers alone: frames and shape
-of the robot, holds, obstacles, measured and planned forces, margins (the least of a limb's two fingers, in newtons);
-wrenches in axes of the wall at the gripper; faults, states, waits and commands in words; nodes and buses as
-diagnostics. All of it is computed from the log alone, with the robot description in it. CAN frames are those in the log
-where it has them of every cycle (--log-frames); else they are made anew by the CAN database, for any log has their
-signals: heartbeats, emergencies, temperatures and the time within a cycle are not in it."""
+_DESCRIPTION = """Converts a log for other tools. It adds what those tools can draw: the robot's shape and frames,
+holds, obstacles, measured and planned forces, margins (the smaller of a limb's two fingers, in newtons), wrenches in
+the wall's axes at the gripper, events as text, and the state of nodes and buses as diagnostics. Everything is computed
+from the log and the robot description in it. CAN frames come from the log if it has those of every cycle
+(--log-frames). Otherwise they are rebuilt from the logged signals, without heartbeats, emergencies, temperatures and
+the time within a cycle."""
 _EXAMPLES = (
     "crux log export out/climb.mcap -o out/seen.mcap --foxglove",
     "crux log export out/climb.mcap -o out/climb.rrd --rerun && rerun out/climb.rrd",
@@ -56,9 +56,9 @@ def add_export(actions: Any) -> None:
         type=positive,
         default=DEFAULT_RATE_HZ,
         metavar="HZ",
-        help="of what is drawn (default: %(default)g); what is in the log keeps its own rate",
+        help="rate of the added topics (default: %(default)g); what is in the log keeps its own rate",
     )
-    parser.add_argument("--utc", action="store_true", help="times are the date's, not seconds since the log began")
+    parser.add_argument("--utc", action="store_true", help="use dates, not seconds since the log began")
     add_json_option(parser)
     parser.set_defaults(action=run_export)
 

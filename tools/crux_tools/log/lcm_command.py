@@ -21,10 +21,9 @@ RATE_HZ = 50  # at most, of every channel: as the runtime's own
 LISTEN_S = 0.3
 # An operator would take these for his runtime's.
 KEPT_BACK = {"/acknowledgement"}
-_DESCRIPTION = """Plays a log on LCM at the speed asked for: every channel of msgs/channels.yaml that is in it, at 50 Hz
-at most, what goes out over LCM on the robot and what is only logged alike; lcm-spy shows them. Commands and
-acknowledgements stay out: nothing that is played moves a robot or answers its operator. Refused while a runtime talks
-at the same address."""
+_DESCRIPTION = """Plays a log on LCM at the chosen speed, so that lcm-spy and other listeners show it: every channel of
+msgs/channels.yaml that is in the log, at most at 50 Hz. Commands and acknowledgements are left out, so playing a log
+moves no robot and answers no operator. Refused while a runtime uses the same address."""
 _EXAMPLES = (
     "crux log lcm out/climb.mcap --speed 2",
     "crux log lcm out/climb.mcap --from 40 --to 45 --speed 0.1",
@@ -47,8 +46,17 @@ def add_lcm(actions: Any) -> None:
     parser = actions.add_parser("lcm", help="play a log on LCM", **taught(_DESCRIPTION, *_EXAMPLES))
     parser.add_argument("log", type=Path, metavar="LOG.mcap", help="telemetry of a climb")
     parser.add_argument("--speed", type=positive, default=1.0, metavar="X", help="times real time (default: 1)")
-    parser.add_argument("--from", type=seconds, default=-math.inf, dest="from_s", metavar="S", help="(the log's begin)")
-    parser.add_argument("--to", type=seconds, default=math.inf, dest="to_s", metavar="S", help="(the log's end)")
+    parser.add_argument(
+        "--from",
+        type=seconds,
+        default=-math.inf,
+        dest="from_s",
+        metavar="S",
+        help="first second (default: the log's start)",
+    )
+    parser.add_argument(
+        "--to", type=seconds, default=math.inf, dest="to_s", metavar="S", help="last second (default: the log's end)"
+    )
     parser.add_argument("--lcm", default=DEFAULT_URL, metavar="URL", help="(default: %(default)s)")
     add_json_option(parser)
     parser.set_defaults(action=run_lcm)

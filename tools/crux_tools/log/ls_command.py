@@ -16,10 +16,9 @@ from crux_tools.output import add_json_option, note, print_json, progress
 if TYPE_CHECKING:
     from crux_tools.log.index import Entry
 
-_DESCRIPTION = """Lists the logs below a folder: when they began (UTC), wall, robot, verdict, slips, the least margin
-with the squeeze the robot applied, faults, and the note they were given. The first time every log is read; what was
-found is kept in an index (~/.cache/crux/logs.sqlite3), and from then on only new and changed logs are. Files that are
-no logs are left out."""
+_DESCRIPTION = """Lists the logs below a folder: start (UTC), wall, robot, verdict, slips, least margin with the
+squeeze that the robot applied, faults, and note. The first run reads every log and keeps what it found in an index
+(~/.cache/crux/logs.sqlite3); later runs read only new and changed logs. Other files are ignored."""
 _EXAMPLES = (
     "crux log ls out",
     "crux log ls out --verdict failed --wall overhang --sort margin",

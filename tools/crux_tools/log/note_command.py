@@ -11,9 +11,9 @@ from crux_tools.arguments import taught
 from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
 
-_DESCRIPTION = """Adds a note to a log whose runtime has ended: what the climb was about, or what was seen later. It
-stands behind the note that the log was given at its begin (--note of crux climb, crux sim and crux-runtime) and those
-before; crux log ls, crux log info and crux report show them. Nothing else in the file changes."""
+_DESCRIPTION = """Adds a note to a log whose runtime has ended: what the climb was about, or what was seen later. Notes
+given earlier (also by --note of crux climb, crux sim and crux-runtime) stay; crux log ls, crux log info and crux
+report show all of them. Nothing else in the file changes."""
 
 
 def add_note(actions: Any) -> None:
