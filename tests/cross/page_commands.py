@@ -15,7 +15,7 @@ from test_readme import PAGES
 
 TOLD_ELSEWHERE = ("CHANGELOG.md", "CODE_OF_CONDUCT.md")  # what was new in which version: not how to do something
 PROGRAMS = {"apt-get", "cmake", "crux", "crux-runtime", "ctest", "dask", "install", "ip", "journalctl", "make", "pip"}
-PROGRAMS |= {"plotjuggler", "pre-commit", "pytest", "python", "systemctl", "ulimit"}
+PROGRAMS |= {"pre-commit", "pytest", "python", "systemctl", "ulimit"}
 FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^\1```", re.MULTILINE | re.DOTALL)
 # What stands for something of the reader's, and what a test gives for it.
 EXAMPLES = {
