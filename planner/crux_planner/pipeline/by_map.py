@@ -18,6 +18,7 @@ from crux_contracts import LIMB_NAMES
 
 from crux_planner.checker import CheckReport, Violation, check_plan
 from crux_planner.model.arrays import Array
+from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
 from crux_planner.pipeline.message import PlanResult, plan_message
@@ -30,6 +31,7 @@ from crux_planner.search.map_search import MapSearch, Step
 from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about
 from crux_planner.search.pose_path import clear_path
 from crux_planner.search.schedule import at_knots
+from crux_planner.search.stances import Oracles
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.joint_rows import ELBOW, JointFunctions, JointLimits
 from crux_planner.trajectory.solution import Solution, Start, start_from_path
@@ -44,7 +46,7 @@ ROUNDS = 6  # of the exact P1 and its check
 AIMS = 12  # goal poses tried for one at which four limbs hold
 LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 _MORE_RAD = 0.01  # beyond what the check misses
-_MORE_M, _MOST_MORE_M = 0.001, 0.003  # of links: beyond what the check misses; where that is more, planes are wrong
+_MORE_M, _MOST_MORE_M = 0.0015, 0.003  # of links: beyond what the check misses; where that is more, planes are wrong
 _MOST_APART_M = 0.012  # from where the path is kept to
 _ANSWERED = ("joint_position", "inverse_kinematics", "clearance_limbs")
 _STRETCHED_RAD = 0.05  # off a straight elbow where the check finds a gripper beyond reach
@@ -52,15 +54,31 @@ _NEAR_M = 0.02  # of the map's path, where links come too near to each other; a 
 
 
 def plan_by_map(climb: Climb) -> PlanResult | None:
-    """A checked plan; None where none is found, or start or goal are tilted."""
+    """A checked plan; None where none is found, or start or goal are tilted. Grasps in the middle of their faces come
+    first, then also those off it.
+    """
     given = climb.problem
     tilts = np.abs([given.start.rpy_rad[:2], given.goal.body.rpy_rad[:2]])
     in_air = not all(given.contacts[c].bears for c in given.start_contacts)
     if in_air or tilts.max() > LEVEL_RAD:
         return None
-    with climb.work.part("map", 0.2):
-        search = next((each for each in _searches(climb) if len(each.goals)), None)
-    return None if search is None else _planned(climb, search)
+    for off_centre in (False, True):
+        if off_centre:
+            with climb.work.part("problem", 0.1):
+                climb = _off_centre(climb)
+        with climb.work.part("map", 0.2):
+            search = next((each for each in _searches(climb) if len(each.goals)), None)
+        if search is not None and (found := _planned(climb, search)) is not None:
+            return found
+        if climb.session.late:
+            return None
+    return None
+
+
+def _off_centre(climb: Climb) -> Climb:
+    session = climb.session
+    wider = build_problem(session.scenario, session.robot, off_centre=True, reach=climb.problem.limb_reach)
+    return replace(climb, oracles=Oracles.of(wider, climb.oracles.equilibrium))
 
 
 def _searches(climb: Climb) -> Iterator[MapSearch]:
@@ -107,7 +125,7 @@ class _ByMap:
         """A checked plan, or the number of the move that is to blame for there being none."""
         at = self.problem.start.position_m
         moves = [Move(before, after, (limb,), at, at) for before, limb, after in way]
-        swings, blamed = self.climb.oracles.swings, -1
+        swings, blamed, refused = self.climb.oracles.swings, -1, 0
         quickest = np.array([swings.intervals(m.before[i], m.after[i]) for m in moves for i in m.limbs], dtype=int)
         away_m = np.abs(self.problem.goal.body.position_m - self.problem.start.position_m).max()
         travel = int(np.ceil(away_m / (SPEED_SHARE * self.problem.body.max_speed_m_s * self.problem.dt_s)))
@@ -127,8 +145,9 @@ class _ByMap:
                 continue
             if start is not None and (found := self._solve(problem, schedule, start)) is not None:
                 return found
-            if self.climb.session.late:
-                break
+            refused += 1
+            if refused == len(SPARE_KNOTS) or self.climb.session.late:
+                break  # as much time as there is helps no better
         return blamed if blamed >= 0 else len(moves) - 1
 
     def _start(self, problem: Problem, schedule: Schedule) -> Start | int | None:

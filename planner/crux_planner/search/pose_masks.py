@@ -32,10 +32,10 @@ Gripper = tuple[float, float, float, float]
 
 
 def grid_about(problem: Problem, step_m: float, step_rad: float, pad_m: float, pad_rad: float) -> BodyGrid:
-    """Level poses around start and goal, the goal's on a node."""
+    """Level poses around start and goal, the goal's on a node, and the start's heading, if it is a step off it."""
     start, goal = problem.start, problem.goal.body
     yaw = float(goal.rpy_rad[2])
-    turn = yaw / np.ceil(abs(yaw) / step_rad) if abs(yaw) > 1e-6 else step_rad
+    turn = yaw / np.ceil(abs(yaw) / step_rad) if abs(yaw) > step_rad else step_rad
 
     def axis(through: float, other: float, step: float, pad: float) -> Array:
         low, high = min(through, other) - pad, max(through, other) + pad

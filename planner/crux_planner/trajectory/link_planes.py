@@ -79,7 +79,7 @@ class Ends:
 
 def planes_about(ends: Ends, path: Array, hands: Array, apart_m: Array) -> Planes:
     """For body poses (N, 6), grippers (N, 4, 4) x, y, z and yaw, and what links keep off each other and off the trunk
-    (N,). No row asks for more than the path has.
+    (N,). What is asked for beyond `OFF_M` is so much more than the path has at most.
     """
     seen = _seen(path, hands)
     links = [reach.links(each) for reach, each in zip(ends.reaches, seen, strict=True)]
@@ -153,7 +153,8 @@ def _off_trunk(ends: Ends, limb: int, links: Links, apart_m: Array) -> list[_Row
         border = normal @ box.centre_m + np.abs(away) @ box.half_m + radius + apart_m[:, None]
         here = np.minimum(*((each * normal).sum(axis=-1) for each in (start, end)))
         near = (gap > 0.0) & (gap < nearest)
-        normals[near], least[near], nearest[near] = normal[near], np.minimum(border, here)[near], gap[near]
+        wanted = np.minimum(border, here + apart_m[:, None] - OFF_M)
+        normals[near], least[near], nearest[near] = normal[near], wanted[near], gap[near]
     numbers = ends.numbers[limb][:count]
     return [(normals[:, i], end, ends.count, least[:, i]) for i, each in enumerate(numbers) for end in each]
 
@@ -177,6 +178,8 @@ def _off_each_other(ends: Ends, pair: tuple[int, int], links: list[Links], apart
             ((one[:, i] - two[:, j]) * normal).sum(axis=1)
             for one, two in product((first.start_m, first.end_m), (second.start_m, second.end_m))
         ]
-        least = np.where(near[:, i, j], np.minimum(thick[i, j] + apart_m, np.min(along, axis=0)), -np.inf)
+        least = np.where(
+            near[:, i, j], np.minimum(thick[i, j] + apart_m, np.min(along, axis=0) + apart_m - OFF_M), -np.inf
+        )
         rows += [(normal, one, two, least) for one, two in product(ends.numbers[a][i], ends.numbers[b][j])]
     return rows

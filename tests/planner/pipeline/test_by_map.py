@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,12 @@ from crux_planner.checker import CheckReport, Violation
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES
-from crux_planner.pipeline.by_map import _answered
+from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD, _answered
+from crux_planner.reach.arm import reaches_of
+from crux_planner.search.ends import level_aims
+from crux_planner.search.map_search import MapSearch
+from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about
+from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.joint_rows import JointLimits
 from crux_simulation.benchmarks.random_fields import random_field
 from shared_plans import unproven
@@ -37,7 +43,22 @@ def test_what_the_check_finds_is_answered_at_its_knots_and_joint() -> None:
     assert np.isfinite(again.near_m).any()
 
 
-@pytest.mark.parametrize("seed", [407, *(pytest.param(seed, marks=pytest.mark.sweep) for seed in (403, 411, 418))])
+def test_a_goal_is_aimed_at_within_its_tolerances_where_its_middle_has_no_stance(robot: Robot) -> None:
+    """Field 404, with grasps off the middle of their faces."""
+    problem = build_problem(parse_scenario(random_field(404)), robot, off_centre=True).aimed()
+    goals = [problem, *itertools.islice(level_aims(problem, reaches_of(robot, SEARCH_RAD)), AIMS)]
+    stances = []
+    for each in goals:
+        grid, goal = grid_about(each, *COARSE), problem.goal
+        masks = PoseMasks(each, robot, grid, SEARCH_RAD)
+        stances.append(len(MapSearch(masks, Footing(each, grid), SwingCache(each)).goals))
+        assert np.linalg.norm(each.goal.body.position_m - goal.body.position_m) < goal.tolerance_m
+        assert np.abs(each.goal.body.rpy_rad - goal.body.rpy_rad).max() < goal.tolerance_rad
+    assert stances[0] == 0
+    assert max(stances) > 0
+
+
+@pytest.mark.parametrize("seed", [407, *(pytest.param(seed, marks=pytest.mark.sweep) for seed in (403, 409, 411, 418))])
 def test_a_field_is_climbed_with_grips_beyond_the_convex_reach(robot: Robot, seed: int) -> None:
     field = parse_scenario(random_field(seed))
     result = unproven(field, robot, time_limit_s=60.0)
