@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from pathlib import Path
 
@@ -12,15 +13,29 @@ from crux_simulation.sim.disturbance import Disturbance
 from crux_simulation.sim.fault_file import FOR_GOOD, KINDS, OF_THE_RUNTIME, ON_SOCKETCAN, Fault, read_faults
 from crux_simulation.sim.process_faults import ProcessFaults, check_process_faults
 from crux_simulation.sim.rogue_hosts import SENDERS
+from crux_simulation.sim.world_file import read_world
 from crux_tools.errors import UsageError
+from crux_tools.paths import WORLDS
 
 DT_S = 0.002
+ROOT = Path(__file__).parents[2]
 
 
 def written(folder: Path, text: str) -> Path:
     path = folder / "faults.yaml"
     path.write_text(text)
     return path
+
+
+def test_files_of_faults_and_worlds_on_the_page_are_there_and_can_be_read() -> None:
+    page = (ROOT / "docs" / "worlds.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `[a-z0-9-]+`.*$", page.partition("| file | left alone |")[2].partition("\n\n")[0], re.M)
+    names = [name for row in rows for name in re.findall(r"`([a-z0-9][a-z0-9-]+)`", row.split("|")[1])]
+    faults = {path.stem: read_faults(path) for path in (ROOT / "tools" / "faults").glob("*.yaml")}
+    worlds = {path.stem: read_world(path) for path in WORLDS.glob("*.yaml")}
+    assert len(names) > 10
+    assert set(faults) <= set(names)
+    assert set(names) <= set(faults) | set(worlds)
 
 
 def test_faults_are_read_and_sorted_by_time(tmp_path: Path) -> None:
