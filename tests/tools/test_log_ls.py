@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import shutil
+import sqlite3
+from contextlib import closing
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -146,6 +150,38 @@ def test_a_log_is_read_once_until_it_changes(
     read.clear()
     listed(capsys, str(folder))
     assert len(read) == 5
+
+
+def test_a_damaged_index_changes_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever its bytes: what it says is as if the logs had been read."""
+    monkeypatch.setattr(index, "entry_of", cache(index.entry_of))
+    first = listed(capsys, str(folder))
+    whole, draw = index.index_path().read_bytes(), random.Random(3)
+    for _ in range(150):
+        damaged = bytearray(whole)
+        for _ in range(draw.choice((1, 3, 20))):
+            damaged[draw.randrange(len(damaged))] = draw.randrange(256)
+        cut = draw.randrange(len(damaged)) if draw.random() < 0.2 else len(damaged)
+        index.index_path().write_bytes(damaged[:cut])
+        assert listed(capsys, str(folder)) == first
+
+
+def test_an_index_with_another_table_is_made_anew(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    index.index_path().parent.mkdir(parents=True)
+    with closing(sqlite3.connect(index.index_path())) as other:
+        other.execute("create table logs (path text primary key, entry text)")
+    assert len(listed(capsys, str(folder / "deep"))) == 1
+    with closing(sqlite3.connect(index.index_path())) as made:
+        assert made.execute("select count(*) from logs").fetchone() == (1,)
+
+
+def test_a_log_whose_name_is_no_text_is_listed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    odd = os.fsdecode(bytes(folder / "odd-") + b"\xff.mcap")
+    shutil.copy(folder / "robot.mcap", odd)
+    assert odd in [each["path"] for each in listed(capsys, str(folder))]
+    assert main(["log", "ls", str(folder)]) == 0
 
 
 def test_without_a_place_for_the_index_it_lists_all_the_same(

@@ -1,16 +1,17 @@
 """What a folder's logs tell, one entry a log, kept in a file of this user so that each log is read once.
 
 The file ($XDG_CACHE_HOME/crux/logs.sqlite3) holds nothing that the logs do not: it may be deleted at any time. An entry
-stands as long as its log has the size and the time of change it had.
+stands as long as its log has the size and the time of change it had; one that is damaged is read again.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import sqlite3
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,9 +24,9 @@ if TYPE_CHECKING:
 END_S = 3.0  # of a log: its last state is in it
 MOST = 10**6  # chunks, and moments of one
 STATE_TOPIC = "/robot_state"
-FORM = 1  # of the entries: another one makes all be read again
+FORM = 2  # of the entries: another one makes all be read again
 _TABLE = """create table if not exists logs
-(path text primary key, form integer, bytes integer, changed_ns integer, entry text) without rowid"""
+(path blob primary key, form integer, bytes integer, changed_ns integer, entry text, digest text) without rowid"""
 CLIMBED, FAILED, UNJUDGED = "climbed", "failed", "unjudged"
 
 
@@ -133,20 +134,28 @@ def _opened() -> sqlite3.Connection:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, timeout=30)
+            connection.text_factory = lambda text: text.decode(errors="replace")  # of a damaged file, too
             connection.execute(_TABLE)
-            connection.execute("select path, form, bytes, changed_ns, entry from logs limit 1")
+            connection.execute("select path, form, bytes, changed_ns, entry, digest from logs limit 1")
+            if connection.execute("pragma quick_check").fetchall() != [("ok",)]:
+                raise sqlite3.DatabaseError("damaged")
             connection.execute("pragma synchronous = off")
-        except (OSError, sqlite3.OperationalError):
-            break
-        except sqlite3.DatabaseError:
-            path.unlink(missing_ok=True)
-            if again:
-                continue
-        else:
             return connection
+        except (OSError, sqlite3.DatabaseError, UnicodeDecodeError) as error:
+            if not (_is_damage(error) and again):
+                break
+            with suppress(OSError):
+                path.unlink()
     connection = sqlite3.connect(":memory:")
     connection.execute(_TABLE)
     return connection
+
+
+def _is_damage(error: Exception) -> bool:
+    """Rather than a file that is busy, or cannot be opened or written."""
+    if isinstance(error, sqlite3.OperationalError):
+        return error.sqlite_errorcode == sqlite3.SQLITE_ERROR  # another table than ours
+    return not isinstance(error, OSError)  # UnicodeDecodeError: of what SQLite says of damaged text
 
 
 def found_logs(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
@@ -182,11 +191,12 @@ def entries(folder: Path, note: Callable[[str], None], at: Callable[[int, int], 
             except (LogError, DocumentError, OSError) as error:
                 text = json.dumps({"error": str(error)})
             key = (stat.st_size, stat.st_mtime_ns)
-            index.execute("insert or replace into logs values (?, ?, ?, ?, ?)", (path, FORM, *key, text))
+            row = (os.fsencode(path), FORM, *key, text)
+            index.execute("insert or replace into logs values (?, ?, ?, ?, ?, ?)", (*row, _digest(row)))
             index.commit()
             known[path] = (key, text)
         gone = set(known) - {path for path, _ in files}
-        index.executemany("delete from logs where path = ?", [(path,) for path in gone])
+        index.executemany("delete from logs where path = ?", [(os.fsencode(path),) for path in gone])
         index.commit()
     told = [json.loads(known[path][1]) for path, _ in files if known[path][1]]
     for unreadable in (each["error"] for each in told if "error" in each):
@@ -194,11 +204,17 @@ def entries(folder: Path, note: Callable[[str], None], at: Callable[[int, int], 
     return [Entry(**each) for each in told if "error" not in each]
 
 
+def _digest(row: tuple[Any, ...]) -> str:
+    """Of a row of the table but itself."""
+    return hashlib.sha256(repr(row).encode()).hexdigest()
+
+
 def _known(index: sqlite3.Connection, folder: Path) -> dict[str, tuple[Any, str]]:
-    """Sizes and times of change with the entries of the logs below a folder."""
+    """Sizes and times of change with the entries of the logs below a folder; without what is damaged."""
     below = f"{folder}{os.sep}".replace(f"{os.sep}{os.sep}", os.sep)
     rows = index.execute(
-        "select path, bytes, changed_ns, entry from logs where form = ? and path >= ? and path < ?",
-        (FORM, below, below[:-1] + chr(ord(os.sep) + 1)),
+        "select path, form, bytes, changed_ns, entry, digest from logs where form = ? and path >= ? and path < ?",
+        (FORM, os.fsencode(below), os.fsencode(below[:-1] + chr(ord(os.sep) + 1))),
     )
-    return {path: ((size, changed_ns), text) for path, size, changed_ns, text in rows}
+    sound = (row for *row, digest in rows if _digest(tuple(row)) == digest)
+    return {os.fsdecode(path): ((size, changed_ns), text) for path, _, size, changed_ns, text in sound}
