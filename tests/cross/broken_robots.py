@@ -87,6 +87,11 @@ def _against(text: str) -> str:
     return text.replace(before, '<axis xyz="0 1 0"/>\n    <limit lower="-2.0" upper="1.2"')
 
 
+def _turned_in_between(text: str) -> str:
+    """That, without the turn back."""
+    return _in_between(text).replace("0 -1.5707963267948966 0", "0 0 0")
+
+
 def _in_between(text: str) -> str:
     """The same robot with LF's upper link in two, the outer one turned, and back again by the elbow's joint."""
     extra = '<link name="extra"/>' + _fixed("seam", "LF_link2", "extra").replace("/></", "/>" + SEAM + "</", 1)
@@ -269,6 +274,7 @@ OF_THE_LIMBS = [
     _urdf("continuous joint", 'type="revolute"', 'type="continuous"', "joint LF_joint1: continuous", "revolute"),
     _urdf("fixed joint", 'type="revolute"', 'type="fixed"', "limb LF", "expected the joints LF_joint1, LF_joint2"),
     _urdf("axis turned around", '<axis xyz="0 -1 0"/>', '<axis xyz="0 1 0"/>', "RF_joint2: -1.2..2", "-2..1.2"),
+    Case("turned in between", URDF, _turned_in_between, ("LF_joint3: rpy 0 1.5708 0", "expected 0 0 0")),
     _urdf("axis across", '<axis xyz="0 -1 0"/>', '<axis xyz="1 0 0"/>', "LF_joint2: revolute about 1 0 0", "0 -1 0"),
     _urdf("axis aslant", '<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 1e-3"/>', "LF_joint2", "expected revolute about"),
     _in(

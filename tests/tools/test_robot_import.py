@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -180,3 +181,39 @@ def test_a_folder_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFi
     assert cli.main([*words, "-o", str(tmp_path / "mine")]) == 2
     assert "is there already" in capsys.readouterr().err
     assert (tmp_path / "mine" / "robot.yaml").read_text() == "mine"
+
+
+def test_meshes_become_capsules_and_masses_are_scaled(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf = maker(tmp_path)
+    urdf.write_text(re.sub(r"<cylinder [^>]*/>", '<mesh filename="a.stl"/>', urdf.read_text()))
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text(MAPPING + "masses_kg: {total: 12, body: 3}\n")
+    words = ["robot", "import", str(urdf), "--mapping", str(mapping), "-o", str(tmp_path / "mine")]
+    assert cli.main(words) == 2
+    assert "capsule_radius_m: is missing" in capsys.readouterr().err
+    mapping.write_text(mapping.read_text() + "capsule_radius_m: 0.02\n")
+    assert cli.main(words) == 0
+    assert "[A] masses" in capsys.readouterr().err
+    path = tmp_path / "mine" / "mine.urdf"
+    links = {link.get("name"): link for link in ET.parse(path).getroot().findall("link")}
+    assert masses(path) == pytest.approx({name: mass * 9 / 6.8 for name, mass in masses(SHIPPED).items()} | {"base": 3})
+    shapes = links["LF_link2"].findall("visual")
+    assert [shape.find("geometry/capsule") is not None for shape in shapes] == [True]
+    capsule, origin = shapes[0].find("geometry/capsule"), shapes[0].find("origin")
+    assert capsule is not None
+    assert origin is not None
+    assert capsule.attrib == {"radius": "0.02", "length": "0.15000"}
+    assert origin.attrib["xyz"] == "0.075 0 0"
+
+
+SHIPPED = ROBOTS / "scaler" / "scaler.urdf"
+
+
+def masses(path: Path) -> dict[str, float]:
+    """Of a URDF's links that have one; by name, which are those of the shipped robot here."""
+    found = {}
+    for link in ET.parse(path).getroot().findall("link"):
+        mass = link.find("inertial/mass")
+        if mass is not None:
+            found[link.attrib["name"]] = float(mass.attrib["value"])
+    return found

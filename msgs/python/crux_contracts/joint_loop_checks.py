@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .robot_bounds import DEAD_TIME_MARGIN, LOOP_HALVINGS, LOOP_HIGHEST_1_S, LOOP_LOWEST_1_S, LOOP_STEP, LOOP_STEPS
 from .robot_types import Limb, Robot
-from .urdf import Urdf, rotation
+from .urdf import Urdf, about, rotation
 from .yaml_document import Problem
 
 Array = NDArray[np.float64]
@@ -150,18 +150,12 @@ def joint_inertia(urdf: Urdf, limb: Limb, q_rad: Array) -> Array:
         turn = turn @ rotation(joint.rpy_rad)
         if joint.kind != "fixed":
             axes[:, j], origins[:, j] = turn @ np.array(joint.axis), origin
-            turn = turn @ _about(np.array(joint.axis), q_rad[j])
+            turn = turn @ about(np.array(joint.axis), q_rad[j])
             j += 1
         add(joint.child)
     for finger in limb.finger_joints:
         add(urdf.joints[finger].child)
     return mass
-
-
-def _about(axis: Array, angle_rad: float) -> Array:
-    x, y, z = axis
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + math.sin(angle_rad) * skew + (1.0 - math.cos(angle_rad)) * skew @ skew)
 
 
 def _listed(values: Array) -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import robot_bounds as bounds
-from .urdf import Joint, Urdf, Vector, rotation, shown
+from .urdf import Joint, Urdf, Vector, roll_pitch_yaw, rotation, shown
 from .yaml_document import Problem
 
 MIRRORED_JOINTS = (0, 4, 5)  # yaw, roll, yaw: a mirror turns their sense around
@@ -221,16 +221,11 @@ def _steps(chain: Sequence[Joint]) -> Iterable[Step]:
         if joint.kind == "fixed" and not last:
             fixed += 1
             continue
-        x, y, z = (float(v) for v in place)
-        own = Step(joint, (x, y, z), _rpy(turn), 1.0) if fixed else Step(joint, joint.xyz_m, joint.rpy_rad, 1.0)
+        x, y, z, *rpy = (float(v) for v in (*place, *roll_pitch_yaw(turn)))
+        own_xyz, own_rpy = ((x, y, z), (rpy[0], rpy[1], rpy[2])) if fixed else (joint.xyz_m, joint.rpy_rad)
         against = not last and sum(a * b for a, b in zip(joint.axis, next(axes), strict=True)) < 0
-        yield Step(joint, own.xyz_m, own.rpy_rad, -1.0 if against else 1.0)
+        yield Step(joint, own_xyz, own_rpy, -1.0 if against else 1.0)
         place, turn, fixed = np.zeros(3), np.eye(3), 0
-
-
-def _rpy(turn: np.ndarray) -> Vector:
-    roll, yaw = math.atan2(turn[2, 1], turn[2, 2]), math.atan2(turn[1, 0], turn[0, 0])
-    return roll, math.atan2(-turn[2, 0], math.hypot(turn[2, 1], turn[2, 2])), yaw
 
 
 def _quadrant(limb: str) -> tuple[float, float]:

@@ -275,6 +275,22 @@ def rotation(rpy_rad: Vector) -> NDArray[np.float64]:
     )
 
 
+def roll_pitch_yaw(turn: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) of a rotation (3, 3), Rz Ry Rx; roll 0 where x points straight up or down."""
+    level = math.hypot(turn[2, 1], turn[2, 2])
+    pitch = math.atan2(-turn[2, 0], level)
+    if level < bounds.ALIKE:
+        return np.array([0.0, pitch, math.atan2(-turn[0, 1], turn[1, 1])])
+    return np.array([math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])])
+
+
+def about(axis: NDArray[np.float64], angle_rad: float) -> NDArray[np.float64]:
+    """(3, 3) the rotation about a unit vector (3,)."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + math.sin(angle_rad) * skew + (1.0 - math.cos(angle_rad)) * skew @ skew)
+
+
 def parse_xml(data: bytes, path: str) -> ET.Element:
     """The <robot> of a URDF. Raises UrdfError where the bytes are no such XML."""
     reader = _Reader(path)

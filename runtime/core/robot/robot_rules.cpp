@@ -1,13 +1,12 @@
 #include "core/robot/robot_rules.hpp"
 
-#include <Eigen/Geometry>
-
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <set>
 
 #include "core/robot/description_problem.hpp"
+#include "core/robot/geometry.hpp"
 #include "core/robot/reason.hpp"
 #include "crux_msgs/robot.hpp"
 
@@ -30,16 +29,11 @@ struct Step {
   bool against;  ///< the joint turns against the axis that the closed form has
 };
 
-Matrix3 rotation(const Vector3& rpy_rad) {
-  using Turn = Eigen::AngleAxisd;
-  return (Turn(rpy_rad.z(), Vector3::UnitZ()) * Turn(rpy_rad.y(), Vector3::UnitY()) *
-          Turn(rpy_rad.x(), Vector3::UnitX()))
-      .toRotationMatrix();
-}
-
+/// Roll 0 where x points straight up or down.
 Vector3 roll_pitch_yaw(const Matrix3& turn) {
-  const double level = std::hypot(turn(2, 1), turn(2, 2));
-  return {std::atan2(turn(2, 1), turn(2, 2)), std::atan2(-turn(2, 0), level), std::atan2(turn(1, 0), turn(0, 0))};
+  const double level = std::hypot(turn(2, 1), turn(2, 2)), pitch = std::atan2(-turn(2, 0), level);
+  if (level < bounds::kAlike) return {0.0, pitch, std::atan2(-turn(0, 1), turn(1, 1))};
+  return {std::atan2(turn(2, 1), turn(2, 2)), pitch, std::atan2(turn(1, 0), turn(0, 0))};
 }
 
 /// The joints that move, and all fixed ones behind the last of them as one; those in between move the next joint.
@@ -50,7 +44,7 @@ std::vector<Step> steps(const std::vector<const UrdfJoint*>& chain) {
   bool fixed = false;
   for (const UrdfJoint* joint : chain) {
     place += turn * joint->xyz_m;
-    turn = turn * rotation(joint->rpy_rad);
+    turn = turn * rotation_from_rpy(joint->rpy_rad);
     const bool last = joint == chain.back();
     if (joint->kind == "fixed" && !last) {
       fixed = true;

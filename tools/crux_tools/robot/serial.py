@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from crux_contracts.urdf import SHAPES, SPACE, Joint, Urdf, link_shapes, rotation
+from crux_contracts.urdf import SHAPES, SPACE, Joint, Urdf, about, link_shapes, rotation
 from crux_contracts.yaml_document import Problem
 from numpy.typing import NDArray
 
@@ -131,7 +131,7 @@ class Reader:
             if joint.kind == "fixed":
                 yield from self._group(joint.child, at, hanging)
             elif angle is not None:
-                turn = _about(np.array(joint.axis), 0.0 if joint.kind == "prismatic" else angle)
+                turn = about(np.array(joint.axis), 0.0 if joint.kind == "prismatic" else angle)
                 slide = np.array(joint.axis) * (angle if joint.kind == "prismatic" else 0.0)
                 yield from self._group(joint.child, at.then(slide, turn), hanging)
             else:
@@ -248,12 +248,6 @@ def _nearest(point: Array, axis: Array, other: Array, other_axis: Array) -> Arra
     """The place on an axis that is nearest to another."""
     along = np.linalg.lstsq(np.column_stack([axis, -other_axis]), other - point, rcond=None)[0]
     return np.asarray(point + along[0] * axis)
-
-
-def _about(axis: Array, angle: float) -> Array:
-    x, y, z = axis
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew)
 
 
 def _point_mass(mass_kg: float, place: Array) -> Array:

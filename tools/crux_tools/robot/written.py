@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from typing import Any
 
 import numpy as np
-from crux_contracts.urdf import rotation
+from crux_contracts.urdf import roll_pitch_yaw, rotation
 from crux_contracts.yaml_writer import as_yaml
 from numpy.typing import NDArray
 
@@ -17,7 +17,6 @@ from crux_tools.robot.serial import ROUND_M, SNAP, Part, Pose, SerialLimb, bare_
 
 Array = NDArray[np.float64]
 RIGHT = math.pi / 2
-UPRIGHT = 1e-9
 BODY, GRIPPER, FINGERS = "base", "gripper", ("finger1_slide", "finger2_slide")
 
 
@@ -167,15 +166,6 @@ def _snapped(values: Array, grid: float) -> Array:
     """Those that are nearly whole numbers of `grid` become them."""
     near = np.round(values / grid) * grid
     return np.asarray(np.where(np.abs(values - near) < SNAP, near, values))
-
-
-def roll_pitch_yaw(turn: Array) -> Array:
-    """(3,) of a rotation (3, 3), Rz Ry Rx; roll 0 where x points straight up or down."""
-    level = math.hypot(turn[2, 1], turn[2, 2])
-    pitch = math.atan2(-turn[2, 0], level)
-    if level < UPRIGHT:
-        return np.array([0.0, pitch, math.atan2(-turn[0, 1], turn[1, 1])])
-    return np.array([math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])])
 
 
 def _text(values: Any, digits: int = ROUND_M) -> str:
