@@ -126,6 +126,7 @@ class _ByMap:
         at = self.problem.start.position_m
         moves = [Move(before, after, (limb,), at, at) for before, limb, after in way]
         swings, blamed, refused = self.climb.oracles.swings, -1, 0
+        self.functions = self.undamped
         quickest = np.array([swings.intervals(m.before[i], m.after[i]) for m in moves for i in m.limbs], dtype=int)
         away_m = np.abs(self.problem.goal.body.position_m - self.problem.start.position_m).max()
         travel = int(np.ceil(away_m / (SPEED_SHARE * self.problem.body.max_speed_m_s * self.problem.dt_s)))
@@ -164,7 +165,7 @@ class _ByMap:
     def _solve(self, problem: Problem, schedule: Schedule, first: Start) -> PlanResult | None:
         """A checked plan for a schedule; what the check refuses is answered, `ROUNDS` times at most."""
         session, work, start = self.climb.session, self.climb.work, first
-        limits, self.functions = JointLimits.about(first.body, PLAN_RAD), self.undamped
+        limits = JointLimits.about(first.body, PLAN_RAD)
         for _ in range(ROUNDS):
             with work.part("nlp", 0.5):
                 self.functions = self.functions.within(limits)
