@@ -156,10 +156,12 @@ def test_reaches_the_goal_without_a_missed_cycle(climbs: Climbs) -> None:
 
 
 @pytest.mark.sweep
-def test_two_climbs_with_a_step_put_the_same_on_the_buses(tmp_path: Path) -> None:
+def test_two_climbs_with_a_step_put_the_same_on_the_buses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     hashes = set()
     for number in ("one", "two"):  # each in a guest of its own, which begins at the same time
         (tmp_path / number).mkdir()
+        for home in ("XDG_CONFIG_HOME", "XDG_STATE_HOME"):  # a runtime that finds its key starts sooner
+            monkeypatch.setenv(home, str(tmp_path / number / home.lower()))
         climbs = Climbs(tmp_path / number)
         climb_in_guest(climbs.folder, whole(climbs))
         reaches_the_goal_without_a_missed_cycle(climbs.result("whole"))
