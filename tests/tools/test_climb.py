@@ -151,6 +151,18 @@ def test_a_gain_that_differs_by_one_percent_is_named(
     assert re.match(r"differs: cycle \d+, /control_output \S+: \S+ in the log, \S+ computed", capsys.readouterr().out)
 
 
+def test_a_log_without_its_beginning_is_not_called_the_same(
+    one_limb: Climb, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    part = tmp_path / "part.mcap"
+    assert main(["log", "cut", str(one_limb[2]), "-o", str(part), "--from", "1"]) == 0
+    capsys.readouterr()
+    assert main(["replay", str(part), "--check"]) == 1
+    told = capsys.readouterr().out
+    assert "cycle 1 is not in the log" in told
+    assert "the same" not in told
+
+
 def test_runs_side_by_side_with_one_seed_log_the_same_and_another_seed_does_not(tmp_path: Path) -> None:
     plan = saved(tmp_path, standing_plan())
     logs = [tmp_path / f"{name}.mcap" for name in ("one", "two", "other")]

@@ -89,7 +89,7 @@ def _check(options: argparse.Namespace) -> int:
         say(f"differs: {found.first_difference}")
     elif found.largest:
         say(f"{found.cycles} cycles computed again: every state the same, numbers within {found.largest:.1e}")
-    else:
+    elif found.cycles:
         say(f"{found.cycles} cycles computed again: every output and state the same, bit for bit")
     if found.missing_cycle is not None:
         say(f"cycle {found.missing_cycle} is not in the log: nothing from there on can be computed again")
