@@ -88,8 +88,17 @@ def test_the_operators_commands_find_a_robot(tmp_path: Path) -> None:
         held = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING)
         assert held.fault_code == 0
         until(link, lambda state: state.time_s > held.time_s + 1.2)  # a killed runtime's log lacks its last half second
+        assert link.status is not None
+        session = link.status.session
         os.kill(runtime_of(process), signal.SIGKILL)
-        found = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING and state.cycle < held.cycle)
+        found = until(
+            link,
+            lambda state: (
+                state.supervisor_state == robot_state_t.HOLDING
+                and link.status is not None
+                and link.status.session != session
+            ),
+        )
         assert found.plan_time_s == pytest.approx(held.plan_time_s, abs=0.2)
         until(link, lambda state: state.plan_time_s > held.plan_time_s + 0.5, led_on=True)
         link.send(command_t.FORCE_SHUTDOWN)
