@@ -132,6 +132,7 @@ def test_an_attack_costs_no_hold_and_no_cycle_of_the_log(tmp_path: Path, name: s
             link.upload(plan)
             until(link, lambda state: state.supervisor_state == robot_state_t.READY, led_on=True)
             link.send(command_t.START, plan.plan_id)
+            link.send(command_t.SPEED, value=0.2)  # the plan lasts longer than the attack
             for _ in range(20):
                 assert link.command(command_t.HOLD) is not None
                 until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING)
