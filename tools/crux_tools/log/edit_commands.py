@@ -49,30 +49,7 @@ def add_edits(actions: Any) -> None:
     _log(info)
     add_json_option(info)
     info.set_defaults(action=run_info)
-    cut = actions.add_parser(
-        "cut",
-        help="cut out some seconds of a log",
-        **taught(
-            "Writes the part of a log between two log times (as crux report and crux replay show them), with the log's "
-            "metadata and the plan that was climbed. crux replay --check cannot recompute a part, because the control "
-            "core's state at its first cycle is not in it.",
-            "crux log cut out/climb.mcap -o out/slip.mcap --from 41.5 --to 44",
-        ),
-    )
-    _log(cut)
-    cut.add_argument(
-        "--from",
-        type=seconds,
-        default=-math.inf,
-        dest="from_s",
-        metavar="S",
-        help="first second (default: the log's start)",
-    )
-    cut.add_argument(
-        "--to", type=seconds, default=math.inf, dest="to_s", metavar="S", help="last second (default: the log's end)"
-    )
-    _output(cut)
-    cut.set_defaults(action=run_cut)
+    _add_cut(actions)
     merge = actions.add_parser(
         "merge",
         help="join the parts of one run",
@@ -97,6 +74,33 @@ def add_edits(actions: Any) -> None:
     _log(recover)
     _output(recover)
     recover.set_defaults(action=run_recover)
+
+
+def _add_cut(actions: Any) -> None:
+    cut = actions.add_parser(
+        "cut",
+        help="cut out some seconds of a log",
+        **taught(
+            "Writes the part of a log between two log times (as crux report and crux replay show them), with the log's "
+            "metadata and the plan that was climbed. crux replay --check cannot recompute a part, because the control "
+            "core's state at its first cycle is not in it.",
+            "crux log cut out/climb.mcap -o out/slip.mcap --from 41.5 --to 44",
+        ),
+    )
+    _log(cut)
+    cut.add_argument(
+        "--from",
+        type=seconds,
+        default=-math.inf,
+        dest="from_s",
+        metavar="S",
+        help="first second (default: the log's start)",
+    )
+    cut.add_argument(
+        "--to", type=seconds, default=math.inf, dest="to_s", metavar="S", help="last second (default: the log's end)"
+    )
+    _output(cut)
+    cut.set_defaults(action=run_cut)
 
 
 def _written(options: argparse.Namespace, messages: int, lost: list[str]) -> int:
