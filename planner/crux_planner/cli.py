@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from crux_planner.errors import InfeasibleError
     from crux_planner.pipeline.message import PlanResult
 
-DONE, FAILED, USAGE = 0, 1, 2
+DONE, FAILED, USAGE, NO_CERTIFICATE = 0, 1, 2, 3
 
 EPILOG = """examples:
   crux plan msgs/scenarios/climb-four-holds.yaml -o out/plan.mcap
@@ -27,7 +27,8 @@ EPILOG = """examples:
   crux plan msgs/scenarios/climb-four-holds.yaml -o out/again.mcap --from out/plan.mcap --at 20
 
 exit status: 0 the plan is written, 1 there is none (the message says which constraint cannot be met,
-and where, or "undecided": time ran out first), 2 the scenario or the usage is wrong"""
+and where, or "undecided": time ran out first), 2 the scenario or the usage is wrong, 3 the plan is written,
+but not the certificate that was asked for (the message says why)"""
 
 
 def add_plan_parser(subparsers: Any) -> None:
@@ -125,7 +126,7 @@ def run_plan(args: argparse.Namespace) -> int:
         say(f"crux plan: {said}", to_errors=True)
     if args.json:
         print(json.dumps({**result.to_json(), **written}))
-    return DONE
+    return NO_CERTIFICATE if args.certificate is not None and written["certified_bound"] is None else DONE
 
 
 def _certify(path: Path, scenario: Scenario, robot: Robot, error: InfeasibleError) -> str:

@@ -92,6 +92,15 @@ def load_robot(name_or_folder: str | Path) -> Robot:
         raise RobotError(error.path, error.problems) from None
 
 
+def robot_of(robot: Robot | str | Path) -> Robot:
+    """A robot as it is, or as `load_robot` reads it. Raises RobotError, and TypeError for anything else."""
+    if isinstance(robot, Robot):
+        return robot
+    if not isinstance(robot, str | Path):
+        raise TypeError(f"robot: expected a Robot, a robot's name or its folder, not {type(robot).__name__}")
+    return load_robot(robot)
+
+
 @lru_cache(maxsize=4)
 def _keys(text: bytes, path: str) -> tuple[Node, RobotYaml]:
     root = parse_mapping(text, path)

@@ -1,9 +1,10 @@
 """The checker of exact P1: every constraint at every knot and between the knots, for the real robot."""
 
 import time
+from pathlib import Path
 
 import numpy as np
-from crux_contracts.robot import Robot
+from crux_contracts.robot import Robot, robot_of
 from crux_contracts.scenario import Scenario
 from crux_msgs import plan_t
 
@@ -35,14 +36,15 @@ FOOT_WINDOW = 0.5
 """Of a knot's interval: over so long a foot has to press in the mean. What is shorter its pads and joints soften."""
 
 
-def check_plan(plan: plan_t, robot: Robot) -> CheckReport:
-    """Check a crux_msgs.plan_t against exact P1 for a robot description, from the plan alone: the scene is read from
-    the scenario text inside it, and everything the plan copies from there is compared.
+def check_plan(plan: plan_t, robot: Robot | str | Path) -> CheckReport:
+    """Check a crux_msgs.plan_t against exact P1 for a robot (a shipped one's name, a robot's folder, or one that is
+    read), from the plan alone: the scene is read from the scenario text inside it, and everything the plan copies from
+    there is compared.
 
     A plan whose form does not allow the checks (wrong sizes, numbers that are not finite, a scenario that cannot be
     read) gets a report with that violation only.
     """
-    began = time.perf_counter()
+    robot, began = robot_of(robot), time.perf_counter()
     findings, report = Findings(), CheckReport()
     check_identity(plan, robot, findings)
     arrays = read_plan(plan, findings)

@@ -1,8 +1,9 @@
 """Where planning begins: climbs and walks load only what they need."""
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
-from crux_contracts.robot import Robot
+from crux_contracts.robot import Robot, robot_of
 from crux_contracts.scenario import METHODS, Scenario, parse_scenario
 
 from crux_planner.errors import wrong
@@ -14,7 +15,7 @@ from crux_planner.solvers.worker import Worker
 
 def plan(
     scenario: Scenario | Mapping[str, object],
-    robot: Robot,
+    robot: Robot | str | Path,
     *,
     method: str = "auto",
     time_limit_s: float | None = None,
@@ -24,16 +25,18 @@ def plan(
 ) -> PlanResult:
     """Plan a climb or a walk and check it.
 
-    `scenario` may be a dict with the keys of the YAML, NumPy's numbers and arrays in it. `method` is one of
-    crux_contracts.scenario.METHODS; `time_limit_s` counts seconds of CPU of this process and its workers; `progress`
-    is called with what begins now and the share of the work behind, 0..1; `log` receives line by line what is reported
-    on the way.
+    `scenario` may be a dict with the keys of the YAML, NumPy's numbers and arrays in it; `robot` the name of one that
+    ships with crux, or a robot's folder. `method` is one of crux_contracts.scenario.METHODS; `time_limit_s` counts
+    seconds of CPU of this process and its workers; `progress` is called with what begins now and the share of the work
+    behind, 0..1; `log` receives line by line what is reported on the way.
 
     The gap is what a bound worked out beside the planning proves of plans of as many steps with a fixed amount of work;
     of climbs with `prove_s`, what is proven in up to so long.
 
-    Raises ScenarioError where the scenario must be corrected, InfeasibleError where no plan exists or none was found.
+    Raises ScenarioError where the scenario must be corrected, RobotError where the robot's description must be,
+    InfeasibleError where no plan exists or none was found.
     """
+    robot = robot_of(robot)
     if not isinstance(scenario, Scenario):
         scenario = parse_scenario(scenario)
     if method not in METHODS:

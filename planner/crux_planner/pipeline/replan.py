@@ -7,9 +7,10 @@ and the compiled equations. A plan made again starts at rest on a stance of the 
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
-from crux_contracts.robot import Robot
+from crux_contracts.robot import Robot, robot_of
 from crux_contracts.scenario import BodyPose, Scenario, parse_scenario
 from crux_msgs import plan_t
 
@@ -42,11 +43,11 @@ _SLACK_M = 1e-3
 class Planner:
     """Plans again and again on one wall, towards one goal."""
 
-    def __init__(self, scenario: Scenario | Mapping[str, object], robot: Robot) -> None:
-        """Takes scenarios and raises ScenarioError and InfeasibleError, as `crux_planner.plan` does."""
+    def __init__(self, scenario: Scenario | Mapping[str, object], robot: Robot | str | Path) -> None:
+        """Takes scenarios and robots, and raises ScenarioError, RobotError, InfeasibleError, as `crux_planner.plan`."""
         self.scenario = scenario if isinstance(scenario, Scenario) else parse_scenario(scenario)
-        self.robot = robot
-        self.problem = build_problem(self.scenario, robot)
+        self.robot = robot_of(robot)
+        self.problem = build_problem(self.scenario, self.robot)
         self.oracles = Oracles.of(self.problem, TorqueLimits(self.problem, self.problem.friction_share))
         self.functions = StageFunctions(self.problem.farther()).started_elsewhere(self.problem.farther())
         self._refused: InfeasibleError | None = None

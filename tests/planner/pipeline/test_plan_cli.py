@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from crux_contracts.plan_file import read_plan
 from crux_planner.cli import add_plan_parser, run_plan
-from walls import one_move, text, two_rows
+from walls import hold, one_move, text, two_rows
 
 
 def crux_plan(*words: str) -> int:
@@ -71,6 +71,21 @@ def test_a_failure_writes_nothing(
     assert message in errors
     assert json.loads(out)["ok"] is False
     assert output.read_bytes() == b"an older plan"
+
+
+def test_a_certificate_that_cannot_be_had_is_told_by_the_exit_status(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wall = one_move()
+    wall["holds"] += [hold(f"more-{x}-{y}", 0.45 + 0.15 * x, -0.36 + 0.18 * y) for x in range(3) for y in range(5)]
+    path, output = write(tmp_path, wall)
+    assert crux_plan(path, "-o", str(output), "--certificate", str(tmp_path / "proof.json"), "--json") == 3
+    out, errors = capsys.readouterr()
+    assert "no certificate of a bound" in errors
+    said = json.loads(out)
+    assert (said["ok"], said["certified_bound"]) == (True, None)
+    assert read_plan(output).plan_id == said["plan_id"]
+    assert not (tmp_path / "proof.json").exists()
 
 
 def far_goal() -> dict[str, Any]:

@@ -10,7 +10,7 @@ import crux_planner
 import numpy as np
 import pytest
 import yaml
-from crux_contracts.robot import load_robot
+from crux_contracts.robot import RobotError, load_robot
 from crux_contracts.scenario import load_scenario, parse_scenario
 from crux_planner.checker import check_plan
 from crux_planner.pipeline.restart import rewritten
@@ -29,10 +29,19 @@ def result() -> crux_planner.PlanResult:
 
 
 def test_a_dict_gives_the_plan_of_its_yaml(result: crux_planner.PlanResult) -> None:
-    of_yaml = crux_planner.plan(load_scenario(WALL), load_robot("scaler"))
+    of_yaml = crux_planner.plan(load_scenario(WALL), "scaler")
     mine, theirs = ([knot.encode() for knot in each.plan.knots] for each in (result, of_yaml))
     assert mine == theirs
     assert (result.cost, result.gap, result.gait) == (of_yaml.cost, of_yaml.gap, of_yaml.gait)
+
+
+def test_a_robot_may_be_named_everywhere(result: crux_planner.PlanResult) -> None:
+    robot = load_robot("scaler")
+    assert check_plan(result.plan, robot.folder).ok
+    assert crux_planner.Planner(load_scenario(WALL), "scaler").robot == robot
+    for wrong, error, match in (("no-such", RobotError, "no-such/robot.yaml"), (None, TypeError, "not NoneType")):
+        with pytest.raises(error, match=match):
+            crux_planner.plan(load_scenario(WALL), wrong)  # type: ignore[arg-type]
 
 
 def test_arrays_are_the_plan(result: crux_planner.PlanResult) -> None:
