@@ -93,7 +93,7 @@ BROKEN = {
     "not a number": (
         "slope_deg: 45",
         "slope_deg: steep",
-        r'wall\.slope_deg: "steep": expected a number in 0..110 degrees',
+        r'wall\.slope_deg: "steep": expected a number in 0..180 degrees',
     ),
     "quoted number": ("slope_deg: 45", 'slope_deg: "45"', r'wall\.slope_deg: "45": expected a number'),
     "true for a number": ("slope_deg: 45", "slope_deg: true", r"wall\.slope_deg: true: expected a number"),
@@ -104,10 +104,10 @@ BROKEN = {
         "steps: " + "9" * 5000,
         r"horizon\.steps: 9{57}\.\.\.: expected a whole number in 1..1000",
     ),
-    "overhang too steep": (
+    "beyond a ceiling": (
         "slope_deg: 45",
-        "slope_deg: 120",
-        r"wall\.slope_deg: 120: expected a number in 0..110 degrees",
+        "slope_deg: 200",
+        r"wall\.slope_deg: 200: expected a number in 0..180 degrees",
     ),
     "negative force": ("max_normal_N: 60", "max_normal_N: -1", r"contact\.max_normal_N: -1: expected a number above 0"),
     "zero force": ("max_normal_N: 60", "max_normal_N: 0", r"contact\.max_normal_N: 0: expected a number above 0"),
@@ -225,9 +225,9 @@ def test_letters_of_other_languages_are_no_pasted_signs() -> None:
 
 def test_the_first_problem_is_given_in_parts() -> None:
     with pytest.raises(ScenarioError) as caught:
-        parse_scenario(GOOD_TEXT.replace("slope_deg: 45", "slope_deg: 120"))
+        parse_scenario(GOOD_TEXT.replace("slope_deg: 45", "slope_deg: 200"))
     error = caught.value
-    assert (error.key, error.value, error.expected) == ("wall.slope_deg", "120", "expected a number in 0..110 degrees")
+    assert (error.key, error.value, error.expected) == ("wall.slope_deg", "200", "expected a number in 0..180 degrees")
 
 
 def test_all_problems_are_listed_in_the_order_of_the_file_but_not_too_many() -> None:

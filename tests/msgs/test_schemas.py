@@ -123,7 +123,7 @@ def test_shipped_scenarios_are_right() -> None:
     [
         (["version"], 2),
         (["name"], " "),
-        (["wall", "slope_deg"], 120),
+        (["wall", "slope_deg"], 200),
         (["contact", "model"], "hook"),
         (["contact", "max_normal_N"], 0),
         (["contact", "spines_only"], {"LF": 3}),

@@ -62,7 +62,7 @@ def backward_wall(seed: int) -> Backward | None:
     if states is None:
         return None
     limit = np.array([_limits(random) for _ in holds])  # (h, 2, 4): friction and three spines of each finger
-    slope = float(110.0 * random.random() ** 1.5)
+    slope = float(180.0 * random.random() ** 1.5)
     which = np.where(after, np.cumsum(swings) + 3, np.arange(4))
     forces = _wrenches(poses, hands, air, limit[which], states, slope, robot)
     if forces is None:

@@ -16,6 +16,7 @@ from crux_contracts import LIMB_NAMES, can_codec
 from crux_contracts.robot import ROBOTS, load_robot
 from crux_tools.cli import main
 from crux_tools.errors import WorkFailed
+from crux_tools.paths import SCENARIOS
 from crux_tools.replay import recompute
 from crux_tools.telemetry.can_frames import read_can_frames
 from crux_tools.telemetry.cdr_table import fixed_dtype
@@ -248,13 +249,25 @@ def test_slow_position_loops_of_a_world_let_grippers_lag(one_limb: Climb, tmp_pa
     assert slow["tracking"]["finger_m"] > 2 * one_limb[1]["tracking"]["finger_m"]
 
 
-def test_a_wall_too_smooth_for_the_robot_is_a_failed_climb(tmp_path: Path) -> None:
-    smooth = standing_plan(Wall(friction=(0.1,) * 5, spines=(0,) * 5))
+@pytest.mark.parametrize("slope_deg", [45.0, 180.0])
+def test_a_wall_too_smooth_for_the_robot_is_a_failed_climb(slope_deg: float, tmp_path: Path) -> None:
+    smooth = standing_plan(Wall(slope_deg=slope_deg, friction=(0.1,) * 5, spines=(0,) * 5))
     status, result = climb_here(saved(tmp_path, smooth), tmp_path / "log.mcap")
     assert status == 1
     assert result["ok"] is False
     assert result["reason"]
     assert result["slips"] > 0 or result["fell"]
+    assert result["fell"] or slope_deg < 90.0
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("slope_deg", [130.0, 150.0, 180.0])
+def test_overhangs_and_a_ceiling_are_climbed(slope_deg: float, tmp_path: Path) -> None:
+    wall = (SCENARIOS / "climb-ceiling.yaml").read_text(encoding="utf-8").replace("180", f"{slope_deg:g}")
+    (tmp_path / "wall.yaml").write_text(wall, encoding="utf-8")
+    assert main(["plan", str(tmp_path / "wall.yaml"), "-o", str(tmp_path / "plan.mcap")]) == 0
+    status, result = climb_here(tmp_path / "plan.mcap", tmp_path / "log.mcap")
+    assert (status, result["slips"], result["fell"]) == (0, 0, False)
 
 
 def test_a_plan_for_another_robot_is_refused(tmp_path: Path) -> None:

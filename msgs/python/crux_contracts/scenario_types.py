@@ -18,7 +18,7 @@ IDLE = ("cut", "keep")  # knots of a plan at which nothing moves
 WEIGHTS = ("body", "position", "orientation", "velocity", "wrench", "lift", "opening", "switching")
 MARGINS = ("friction", "clearance_m", "torque")
 GRAVITY_M_S2 = 9.81
-MAX_SLOPE_DEG = 110.0
+MAX_SLOPE_DEG = 180.0
 MAX_POSITION_M = 20.0
 MAX_BODY_HEIGHT_M = 1.0
 MAX_FRICTION = 5.0
@@ -36,7 +36,7 @@ class ScenarioError(DocumentError):
 
 @dataclass(frozen=True)
 class Wall:
-    slope_deg: float = key(REQUIRED, 0.0, MAX_SLOPE_DEG, "degrees", "0 floor, 90 vertical")
+    slope_deg: float = key(REQUIRED, 0.0, MAX_SLOPE_DEG, "degrees", "0 floor, 90 vertical, 180 ceiling")
     friction: float = key(0.6, 0.0, MAX_FRICTION, "", "of the surface itself, for feet")
 
     @property

@@ -136,7 +136,7 @@ def proven(read: Scenario) -> InfeasibleError | None:
 def tiny_wall(seed: int) -> dict[str, Any]:
     """The start's holds, two more at random, and a goal near by; friction from too little to enough."""
     random = np.random.default_rng(seed)
-    wall = two_rows(slope_deg=float(random.uniform(0, 110)), all_limbs=False)
+    wall = two_rows(slope_deg=float(random.uniform(0, 180)), all_limbs=False)
     wall["holds"] = wall["holds"][:4]
     while len(wall["holds"]) < 6:
         x, y = np.array(list(FEET.values())[random.integers(4)]) + random.uniform([0.1, -0.08], [0.22, 0.08])

@@ -56,8 +56,11 @@ def test_a_random_wall_costs_no_more_than_the_quick_plan(seed: int, robot: Robot
 @pytest.mark.parametrize(
     "name",
     [
-        *("climb-diagonal", "climb-overhang"),
-        *(pytest.param(name, marks=pytest.mark.sweep) for name in ("climb-four-holds", "climb-vertical")),
+        *("climb-diagonal", "climb-ceiling"),
+        *(
+            pytest.param(name, marks=pytest.mark.sweep)
+            for name in ("climb-four-holds", "climb-vertical", "climb-overhang")
+        ),
     ],
 )
 def test_a_wall_of_eight_holds(name: str, robot: Robot) -> None:

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from crux_contracts.records import Key, Records
 from crux_contracts.scenario import METHODS, load_scenario
+from crux_contracts.scenario_types import MAX_SLOPE_DEG
 from crux_contracts.yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
 from crux_simulation.benchmarks.random_walls import RUNGS, most_obstacles
@@ -48,7 +49,7 @@ DRAWN = {
     "name": NAME,
     "first_seed": SEED,
 }
-SLOPE = {"slope_deg": Key(0.0, 110.0, "deg", type=float)}
+SLOPE = {"slope_deg": Key(0.0, MAX_SLOPE_DEG, "deg", type=float)}
 LADDER = {"rungs": Key(4, 100, type=int), "steps": Key(1, 1000, type=int), "obstacles": Key(0, type=int)}
 SETTINGS: dict[str, dict[str, Key]] = {
     "wall": SLOPE | {"all_limbs": Key(type=bool)}, "ladder": SLOPE | LADDER, "field": {}, "walk": {}
