@@ -10,7 +10,7 @@ from crux_contracts.yaml_document import MAX_BYTES, MAX_DEPTH
 from .robot_keys import NAMES, RANGES, Key, RobotKeys, Section
 
 _TYPES = {
-    "number": "double {} = 0.0;",
+    "number": "double {} = {!r};",
     "integer": "int {} = 0;",
     "per_joint": "PerJoint {}{{}};",
     "interval": "Interval {};",
@@ -37,16 +37,20 @@ def _bounds() -> str:
     return "\n".join(lines)
 
 
+def _member(key: Key) -> str:
+    return _TYPES[key.type].format(key.name, float(key.default or 0.0))
+
+
 def _struct(section: Section) -> str:
     base = f" : {section.shared.type_name}" if section.shared else ""
-    members = "\n".join(f"  {_TYPES[key.type].format(key.name)}  ///< {key.means}" for key in section.keys)
+    members = "\n".join(f"  {_member(key)}  ///< {key.means}" for key in section.keys)
     return f"/// {section.means}\nstruct {section.type_name}{base} {{\n{members}\n}};\n"
 
 
 def _row(key: Key) -> str:
     return (
         f'    RobotKey{{"{key.section}", "{key.name}", RobotKeyType::{_camel(key.type)}, "{key.unit}", '
-        f"{float(key.low)!r}, {float(key.high)!r}, {key.count}}},"
+        f"{float(key.low)!r}, {float(key.high)!r}, {key.count}, {str(key.default is not None).lower()}}},"
     )
 
 
@@ -70,9 +74,10 @@ struct RobotKey {{
   double low;
   double high;
   std::size_t count;  ///< of a list
+  bool optional;      ///< the struct has its default
 }};
 
-/// Every section of robot.yaml has exactly these keys.
+/// Every section of robot.yaml has exactly these keys; optional ones may be missing.
 inline constexpr std::array<RobotKey, {len(rows)}> kKeys = {{{{
 {table}
 }}}};

@@ -20,7 +20,8 @@ MOST = {"m": MAX_LENGTH_M, "rad": MAX_ANGLE_RAD}
 
 @dataclass(frozen=True)
 class Key:
-    """`section` is empty at the top of the file, "limbs" for the keys of each limb. `count` is the length of a list."""
+    """`section` is empty at the top of the file, "limbs" for the keys of each limb. `count` is the length of a list.
+    A key with a `default` may be left out."""
 
     section: str
     name: str
@@ -29,6 +30,7 @@ class Key:
     low: float
     high: float
     count: int
+    default: float | None
     means: str
 
 
@@ -45,6 +47,11 @@ class Section:
     def type_name(self) -> str:
         """Of the struct or class."""
         return "".join(part.capitalize() for part in self.name.split("_"))
+
+    @property
+    def optional(self) -> bool:
+        """The file may leave it out."""
+        return all(key.default is not None for key in self.all_keys)
 
     @property
     def all_keys(self) -> tuple[Key, ...]:
@@ -102,6 +109,7 @@ def _key(
     unit: str = "",
     range: str | list[float] = "",
     count: int = 0,
+    default: float | None = None,
 ) -> Key:
     if type not in (*RANGES, *NAMES):
         raise ValueError(f"{section}.{key}: {type} is no type")
@@ -111,5 +119,7 @@ def _key(
     low, high = ranges[named] if isinstance(named, str) else named
     high = min(high, MOST.get(unit, high))
     low = -high if type == "interval" else low
+    if default is not None and (type != "number" or not low <= default <= high):
+        raise ValueError(f"{section}.{key}: {default} is no default of it")
     count = {"per_joint": JOINTS, "interval": 2}.get(type, count)
-    return Key(section, key, type, unit, low, high, count, means)
+    return Key(section, key, type, unit, low, high, count, default, means)

@@ -64,7 +64,8 @@ def _dataclass(name: str, means: str, keys: tuple[Key, ...]) -> str:
 
 
 def _field(key: Key) -> str:
-    told = ["REQUIRED", *map(repr, (key.low, key.high, key.unit, key.means))]
+    default = "REQUIRED" if key.default is None else repr(float(key.default))
+    told = [default, *map(repr, (key.low, key.high, key.unit, key.means))]
     if key.type in ("file", "names", "nodes"):
         told.append(f"reader={(key.type if key.type == 'file' else key.name)!r}")
     return f'    {key.name}: {_TYPES[key.type]} = key({", ".join(told)})\n    """{_sentence(key.means)}"""'

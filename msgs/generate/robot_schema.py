@@ -24,12 +24,14 @@ def schema(keys: RobotKeys) -> str:
     top["limb"] = _mapping("names in the URDF", keys.names["limb"])
     for section in keys.sections:
         top[section.name] = _mapping(section.means, section.all_keys)
+    required = [name for name in top if name not in {section.name for section in keys.sections if section.optional}]
     head = {"$schema": DRAFT, "title": "robot.yaml of crux"}
-    return json.dumps(head | mapping("a robot that crux plans for and controls", top), indent=1) + "\n"
+    return json.dumps(head | mapping("a robot that crux plans for and controls", top, required), indent=1) + "\n"
 
 
 def _mapping(means: str, keys: tuple[Key, ...]) -> dict[str, Any]:
-    return mapping(means, {key.name: _value(key) for key in keys})
+    required = [key.name for key in keys if key.default is None]
+    return mapping(means, {key.name: _value(key) for key in keys}, required)
 
 
 def _value(key: Key) -> dict[str, Any]:

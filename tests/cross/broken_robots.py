@@ -112,6 +112,12 @@ ARM = '<origin xyz="0.15 0 0" rpy="0 0 0"/>'
 FINGER = 'type="prismatic"'
 AXIS = '<axis xyz="1 0 0"/>'
 
+
+def _untested(text: str) -> str:
+    """Without the section of the pull on new grasps."""
+    return re.sub(r"^grasp_test:.*\n(  .*\n)+", "", text, flags=re.MULTILINE)
+
+
 OF_THE_FILES = [
     _yaml("no yaml", "version: 1", "version: [1", "robot.yaml", "is not YAML"),
     _yaml("version", "version: 1", "version: 2", "version: 2", "in 1..1"),
@@ -132,6 +138,8 @@ OF_THE_FILES = [
 OF_ROBOT_YAML = [
     _yaml("unknown key", "rate_Hz: 500", "rate_hz: 500", "can.rate_hz", "unknown key"),
     _yaml("missing key", "  unload_force_N: 4\n", "\n", "control.unload_force_N", "is missing"),
+    _yaml("a pull too quick", "rate_N_s: 30", "rate_N_s: 600", "grasp_test.rate_N_s: 600", "at most 500"),
+    _yaml("a pull that never begins", "press_s: 0.3", "press_s: 30", "grasp_test.press_s: 30", "in 0.02..5 s"),
     _yaml("a key of no value", "version: 1", "version:", "robot.yaml:3: version: nothing", "in 1..1"),
     _yaml("missing section", "drive:", "driver:", "driver", "unknown key"),
     _yaml("a text for a number", "rate_Hz: 500", "rate_Hz: fast", 'can.rate_Hz: "fast"', "expected a number"),
@@ -321,6 +329,8 @@ ALRIGHT = [
     _yaml("nothing but a comment", "version: 1", "# mine\nversion: 1"),
     _yaml("a number in another form", "rate_Hz: 500", "rate_Hz: 5.0e+2"),
     _yaml("leading zeros", "watchdog_cycles: 5", "watchdog_cycles: 010"),
+    _yaml("a key left out that has a default", "  press_s: 0.3\n", ""),
+    Case("a section left out whose keys all have one", YAML, _untested, ()),
     _yaml("another speed", "max_finger_speed_m_s: 0.02", "max_finger_speed_m_s: 0.01"),
     _all("axes of any length", '<axis xyz="0 -1 0"/>', '<axis xyz="0 -2 0"/>'),
     _all("longer limbs", ARM, ARM.replace("0.15", "0.17")),

@@ -134,6 +134,7 @@ def test_fault_tables_that_contradict_themselves_are_refused(tmp_path: Path) -> 
         ("key: noise_Nm, unit: Nm", "key: noise_N, unit: N", "there twice.*noise_N"),
         ("key: max_change", "name: max_change", "unexpected keyword argument 'name'"),
         ("includes: machine", "includes: engine", "engine"),
+        ("default: 30", "default: 3000", "3000 is no default of it"),
     ],
 )
 def test_a_table_of_the_robots_keys_that_contradicts_itself_is_refused(

@@ -49,6 +49,17 @@ def test_the_meaning_is_the_golden_one() -> None:
     assert robot_meaning(yaml, urdf) == (GOLDEN / "meaning.txt").read_text()
 
 
+def test_keys_that_are_missing_have_their_defaults(folder: Path) -> None:
+    spoil(folder, "robot.yaml", "  rate_N_s: 30\n", "  rate_N_s: 45\n")
+    spoil(folder, "robot.yaml", "  stand_s: 0.3\n", "")
+    test = load_robot(folder).grasp_test
+    assert (test.rate_N_s, test.stand_s) == (45.0, 0.3)
+    text = (folder / "robot.yaml").read_text()
+    start = text.index("grasp_test:")
+    (folder / "robot.yaml").write_text(text[:start] + text[text.index("localisation:") :])
+    assert load_robot(folder).grasp_test.rate_N_s == 30.0
+
+
 def test_the_hash_is_of_what_the_files_say_not_of_how(folder: Path) -> None:
     before = robot_hash(folder)
     spoil(folder, "robot.yaml", "  rate_Hz: 500\n", "\n    # cycles a second\n  rate_Hz: 5.0e+2\n")

@@ -1,4 +1,5 @@
-"""Which gains keep the admittance of a robot description stable against what it presses on.
+"""Which gains keep the admittance of a robot description stable against what it presses on, and how quick a pull on a
+new grasp its force sensors see.
 
 The loop and the criterion are those of runtime/core/robot/stability.hpp.
 """
@@ -16,7 +17,7 @@ _HALVINGS, _FINE = 24, 1e-4  # of the span between no damping and enough
 
 
 def gain_problems(robot: Robot) -> Iterator[Problem]:
-    """What is wrong with section admittance."""
+    """What is wrong with section admittance, and with the rate of the pull on a new grasp."""
     a = robot.admittance
     most_s = MAX_DELAY_CYCLES / robot.can.rate_Hz
     if a.delay_s > most_s:
@@ -38,6 +39,10 @@ def gain_problems(robot: Robot) -> Iterator[Problem]:
         if damping < least:
             why = f"stable against {GAIN_MARGIN:g} times {environment}, felt {a.delay_s:g} s late"
             yield Problem(f"admittance.{key}", f"{damping:g}", f"expected at least {least:.4g}: {why}")
+    rate, most = robot.grasp_test.rate_N_s, robot.control.unload_force_N / robot.control.force_filter_s
+    if rate > most:
+        why = "control.unload_force_N over control.force_filter_s"
+        yield Problem("grasp_test.rate_N_s", f"{rate:g}", f"expected at most {most:.4g}: {why}")
 
 
 def least_damping(mass: float, spring: float, stiffness: float, delay_s: float) -> float:

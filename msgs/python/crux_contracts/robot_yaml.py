@@ -23,11 +23,14 @@ class RobotYaml(Records):
     def __init__(self, root: Node, path: str, error: type[DocumentError]) -> None:
         super().__init__(path)
         self._joints: tuple[str, ...] = ()
-        members = self.check.members(root, [*keys_of(Top), "limbs", "limb", *SECTIONS])
+        optional = [name for name, kind in SECTIONS.items() if not any(key.required for key in keys_of(kind).values())]
+        sections = [name for name in SECTIONS if name not in optional]
+        members = self.check.members(root, [*keys_of(Top), "limbs", "limb", *sections], optional)
         self.top = self._values(Top, members)
         self.limbs = self._limbs(members["limbs"]) if "limbs" in members else {}
         self.limb: Any = self.record(InUrdf, members["limb"]) if "limb" in members else None
-        self.sections = {name: self.record(SECTIONS[name], members[name]) for name in SECTIONS if name in members}
+        self.sections = {name: SECTIONS[name]() for name in optional}
+        self.sections |= {name: self.record(SECTIONS[name], members[name]) for name in SECTIONS if name in members}
         self.check.finish(error)
 
     def _values(self, kind: Any, members: Mapping[str, Node]) -> dict[str, Any]:

@@ -6,11 +6,6 @@
 namespace crux {
 namespace {
 
-constexpr double kLoadFactor = 1.2;
-constexpr double kPress_s = 0.3;    // for the fingers to press as the full load needs
-constexpr double kRate_N_s = 30.0;  // of the pull: slow enough for the other limbs to give way to
-constexpr double kLeastRamp_s = 0.2;
-constexpr double kStand_s = 0.3;
 constexpr double kFailedEasing = 10.0;  // times quicker: a grasp that slides does not bear its load anyway
 
 /// The heaviest load of a grip that lasts on, from `at` on in steps of `step` intervals, and the grasp force it needs.
@@ -33,18 +28,20 @@ Heaviest heaviest(const PreparedPlan& plan, const PlanTime& at, int step, int li
 }  // namespace
 
 Wrench test_load_W(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
-                   const Contact& contact, const ControlParameters& control) noexcept {
+                   const Contact& contact, const RobotDescription& robot) noexcept {
+  const ControlParameters& control = robot.control;
   const double reserve_N = control.grasp_force_reserve_N;
   const Heaviest load = heaviest(plan, at, at.back ? -1 : 1, limb, finger_axis_W, contact, control);
   const double room = (contact.max_normal_N - reserve_N) / std::max(load.need_N - reserve_N, 1e-9);
-  return load.wrench_W * std::min(kLoadFactor, room);
+  return load.wrench_W * std::min(robot.grasp_test.load_factor, room);
 }
 
 double testable_N(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
-                  const Contact& contact, const ControlParameters& control) noexcept {
+                  const Contact& contact, const RobotDescription& robot) noexcept {
+  const ControlParameters& control = robot.control;
   const double before_N = heaviest(plan, at, -1, limb, finger_axis_W, contact, control).need_N;
   const double after_N = heaviest(plan, at, 1, limb, finger_axis_W, contact, control).need_N;
-  return std::min(kLoadFactor * std::max(before_N, after_N), contact.max_normal_N);
+  return std::min(robot.grasp_test.load_factor * std::max(before_N, after_N), contact.max_normal_N);
 }
 
 void GraspPull::begin(int limb, const Wrench& load_W, const PerLimb<double>& bearable_N) noexcept {
@@ -73,16 +70,16 @@ void GraspPull::load_more(double step, double slid_m, const PerLimb<double>& nee
 }
 
 void GraspPull::advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N,
-                        double dt_s) noexcept {
+                        const GraspTestParameters& test, double dt_s) noexcept {
   if (limb_ < 0) return;
-  const double step = dt_s / std::max(load_W_.force_N.norm() / kRate_N_s, kLeastRamp_s);
+  const double step = dt_s / std::max(load_W_.force_N.norm() / test.rate_N_s, test.min_ramp_s);
   time_s_ += dt_s;
   if (easing_) {
     share_ = std::max(share_ - (failed_ ? kFailedEasing : 1.0) * step, 0.0);
     if (share_ > 0.0) return;
     result_[limb_] = failed_ ? Result::kFailed : Result::kPassed;
     limb_ = -1;
-  } else if (share_ == 0.0 && time_s_ < kPress_s) {
+  } else if (share_ == 0.0 && time_s_ < test.press_s) {
     unloaded_W_m_ = gripper_W_m;
   } else {
     if (!standing_) load_more(step, slid_m, needs_N);
@@ -91,7 +88,7 @@ void GraspPull::advance(const Vector3& gripper_W_m, double slid_m, const PerLimb
     gave_way_m_ = comes_off ? way_m : slid_m - (standing_ ? loaded_slid_m_ : 0.0);
     limit_m_ = comes_off ? kMaxWay_m : (standing_ ? kMaxCreep_m : kMaxSlide_m);
     failed_ = gave_way_m_ > limit_m_;
-    easing_ = failed_ || (standing_ && time_s_ >= kStand_s);
+    easing_ = failed_ || (standing_ && time_s_ >= test.stand_s);
   }
 }
 

@@ -9,12 +9,12 @@ namespace crux {
 /// What the grasp that `limb` makes at `at` is to be pulled with: the heaviest load planned for it and a margin, as far
 /// as the fingers hold it by the plan's friction.
 Wrench test_load_W(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
-                   const Contact& contact, const ControlParameters& control) noexcept;
+                   const Contact& contact, const RobotDescription& robot) noexcept;
 
 /// Most that the grasp of another limb may need while one is pulled [N]: what the plan loads its present grip with, and
 /// the same margin.
 double testable_N(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
-                  const Contact& contact, const ControlParameters& control) noexcept;
+                  const Contact& contact, const RobotDescription& robot) noexcept;
 
 /// The pull on one grasp at a time: the fingers press first, the load grows as far as the other limbs bear it, stands
 /// and goes.
@@ -38,7 +38,8 @@ class GraspPull {
 
   /// One period; where the gripper under test is, how far it has slid on its hold beyond play, and the grasp force that
   /// each limb needs: infinite where one of its joints gives all it should, which ends the pull of any limb.
-  void advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N, double dt_s) noexcept;
+  void advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N,
+               const GraspTestParameters& test, double dt_s) noexcept;
 
   int limb() const { return limb_; }                                       ///< under test; -1: none
   Wrench pull_W() const noexcept { return load_W_ * smoothstep(share_); }  ///< that it is to bear now

@@ -31,15 +31,14 @@ PerLimb<double> needs_N(const CycleView& now) noexcept {
 
 void Grips::begin_pull(const CycleView& now, const PlanTime& at, int limb) noexcept {
   if (pull_.limb() >= 0) return;
-  const ControlParameters& control = now.robot.control;
   PerLimb<double> bearable_N = needs_N(now);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& other = now.reference.limbs[l];
     bearable_N[l] =
-        std::max(bearable_N[l], testable_N(*now.plan, at, l, other.finger_axis_W(), contact(now, l, other), control));
+        std::max(bearable_N[l], testable_N(*now.plan, at, l, other.finger_axis_W(), contact(now, l, other), now.robot));
   }
   const LimbReference& pulled = now.reference.limbs[limb];
-  pull_.begin(limb, test_load_W(*now.plan, at, limb, pulled.finger_axis_W(), contact(now, limb, pulled), control),
+  pull_.begin(limb, test_load_W(*now.plan, at, limb, pulled.finger_axis_W(), contact(now, limb, pulled), now.robot),
               bearable_N);
 }
 
@@ -51,7 +50,8 @@ void Grips::pull_new_grasps(const CycleView& now, PerLimb<LimbController>& limbs
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& reference = now.reference.limbs[l];
     if (!reference.gripping() && !reference.closing()) pull_.forget(l);
-    if (pull_.limb() == l) pull_.advance(limbs[l].gripper_W_m(now.body_W), stance_.slid_m(l), needs_N, dt_s);
+    if (pull_.limb() == l)
+      pull_.advance(limbs[l].gripper_W_m(now.body_W), stance_.slid_m(l), needs_N, now.robot.grasp_test, dt_s);
     // Beside a hold's edge there is nothing to grip: then it reaches to the other side.
     const bool misses = retry_.tried(l) && limbs[l].fingers().finds_no_hold(reference, now.started);
     if (climbs && (misses || pull_.result(l) == GraspPull::Result::kFailed) && retry_.begin(l)) {

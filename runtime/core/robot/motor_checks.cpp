@@ -81,6 +81,10 @@ void check_gains(const bounds::Sections& robot, const std::string& path) {
   check_damping(a.rotational_damping_Nms_rad,
                 least_damping(a.inertia_kg_m2, a.rotational_stiffness_Nm_rad, a.environment_Nm_rad, a.delay_s),
                 a.delay_s, path, "rotational_damping_Nms_rad", "environment_Nm_rad");
+  const double most_N_s = robot.control.unload_force_N / robot.control.force_filter_s;
+  if (robot.grasp_test.rate_N_s > most_N_s)
+    refuse(path, "grasp_test.rate_N_s", shown(robot.grasp_test.rate_N_s),
+           "expected at most " + shown(most_N_s, "%.4g") + ": control.unload_force_N over control.force_filter_s");
 }
 
 }  // namespace crux

@@ -12,7 +12,7 @@ namespace crux {
 /// @throws std::runtime_error naming file, key, value and what would be right
 void check_motors(const crux_msgs::robot::Sections& robot, const std::string& path, double fastest_rad_s);
 
-/// The admittance must be stable against what it presses on.
+/// The admittance must be stable against what it presses on, and the sensors see the pull on a new grasp.
 /// @throws std::runtime_error as check_motors
 void check_gains(const crux_msgs::robot::Sections& robot, const std::string& path);
 

@@ -37,6 +37,7 @@ using GripperDescription = crux_msgs::robot::Gripper;
 using ForceTorqueDescription = crux_msgs::robot::ForceTorque;
 using AdmittanceParameters = crux_msgs::robot::Admittance;
 using ControlParameters = crux_msgs::robot::Control;
+using GraspTestParameters = crux_msgs::robot::GraspTest;
 using LocalisationParameters = crux_msgs::robot::Localisation;
 using StanceParameters = crux_msgs::robot::Stance;
 using SupervisorParameters = crux_msgs::robot::Supervisor;

@@ -84,28 +84,33 @@ void read_limb(const Urdf& urdf, const LimbChain& chain, LimbDescription& limb) 
 }
 
 /// Fills the sections of a description from a checked file.
-struct ReadValue {
-  const YamlSection& file;
+class ReadValue {
+ public:
+  explicit ReadValue(const YamlSection& file) : file_(file) {}
 
-  void operator()(const char* section, const char* key, double& value) const {
-    value = file.section(section).number(key);
+  template <class Value>
+  void operator()(const char* section, const char* key, Value& value) const {
+    if (file_.has(section, key)) read(section, key, value);  // else it keeps its default
   }
-  void operator()(const char* section, const char* key, int& value) const {
-    value = file.section(section).integer(key);
+
+ private:
+  void read(const char* section, const char* key, double& value) const { value = file_.section(section).number(key); }
+  void read(const char* section, const char* key, int& value) const { value = file_.section(section).integer(key); }
+  void read(const char* section, const char* key, std::array<double, kJoints>& values) const {
+    values = file_.section(section).numbers<kJoints>(key);
   }
-  void operator()(const char* section, const char* key, std::array<double, kJoints>& values) const {
-    values = file.section(section).numbers<kJoints>(key);
-  }
-  void operator()(const char* section, const char* key, crux_msgs::robot::Interval& value) const {
-    const auto [low, high] = file.section(section).numbers<2>(key);
+  void read(const char* section, const char* key, crux_msgs::robot::Interval& value) const {
+    const auto [low, high] = file_.section(section).numbers<2>(key);
     value = {low, high};
   }
-  void operator()(const char* section, const char* key, crux_msgs::robot::Nodes& value) const {
-    const YamlSection nodes = file.section(section).section(key);
-    const std::array<std::string, kJoints> joints = file.section("limb").texts<kJoints>("joints");
+  void read(const char* section, const char* key, crux_msgs::robot::Nodes& value) const {
+    const YamlSection nodes = file_.section(section).section(key);
+    const std::array<std::string, kJoints> joints = file_.section("limb").texts<kJoints>("joints");
     for (int j = 0; j < kJoints; ++j) value.joints[j] = nodes.integer(joints[j]);
     value.gripper = nodes.integer("gripper");
   }
+
+  const YamlSection& file_;
 };
 
 LimbNames limb_names(const YamlSection& limb, const std::string& prefix) {
@@ -136,7 +141,7 @@ RobotDescription read_robot(const std::string& yaml_path) {
   robot.name = file.text("name");
   robot.sha256 = sha256_hex(robot_meaning(file.node(), urdf_bytes));
   robot.files = {{{"robot.yaml", yaml_bytes}, {file.text("urdf"), urdf_bytes}}};
-  crux_msgs::robot::each_value(robot, ReadValue{file});
+  crux_msgs::robot::each_value(robot, ReadValue(file));
   PerLimb<LimbNames> names;
   for (int l = 0; l < kLimbs; ++l) {
     const YamlSection one = file.section("limbs").section(kLimbNames[l]);

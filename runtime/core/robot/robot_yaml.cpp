@@ -146,9 +146,13 @@ class Checker {
   void check(const YAML::Node& root) {
     std::vector<std::string> keys = keys_of("");
     const std::size_t own = keys.size();
-    for (const RobotKey& key : bounds::kKeys)
-      if (!key.section.empty() && keys.back() != key.section) keys.emplace_back(key.section);
-    const YAML::Node found = members(root, "", keys);
+    std::set<std::string> optional;
+    for (const RobotKey& key : bounds::kKeys) {
+      if (key.section.empty()) continue;
+      if (keys.back() != key.section) optional.insert(keys.emplace_back(key.section));
+      if (!key.optional) optional.erase(keys.back());
+    }
+    const YAML::Node found = members(root, "", keys, optional);
     check_values(found, "", "");
     for (auto section = keys.begin() + static_cast<std::ptrdiff_t>(own); section != keys.end(); ++section) {
       if (!found[*section]) continue;
@@ -177,8 +181,9 @@ class Checker {
     problems_.emplace_back(line, problem(path_, place, value, expected, line));
   }
 
-  /// The mapping, or an empty one. A key that is unknown is noted, else one that is missing.
-  YAML::Node members(const YAML::Node& node, const std::string& place, const std::vector<std::string>& keys) {
+  /// The mapping, or an empty one. A key that is unknown is noted, else one that is missing and not optional.
+  YAML::Node members(const YAML::Node& node, const std::string& place, const std::vector<std::string>& keys,
+                     const std::set<std::string>& optional = {}) {
     if (!node.IsMap()) {
       note(node, place, "expected a mapping with " + keys.front());
       return YAML::Node(YAML::NodeType::Map);
@@ -194,7 +199,8 @@ class Checker {
         unknown = true, note(member.second, path_to(place, key), "", "unknown key");
     }
     for (const std::string& key : keys)
-      if (!unknown && !there.contains(key)) note(node, path_to(place, key), "", "is missing");
+      if (!unknown && !there.contains(key) && !optional.contains(key))
+        note(node, path_to(place, key), "", "is missing");
     return node;
   }
 
@@ -269,7 +275,10 @@ class Checker {
   }
 
   void check_section(const YAML::Node& node, const std::string& place, std::string_view section) {
-    check_values(members(node, place, keys_of(section)), place, section);
+    std::set<std::string> optional;
+    for (const RobotKey& key : bounds::kKeys)
+      if (key.section == section && key.optional) optional.emplace(key.key);
+    check_values(members(node, place, keys_of(section), optional), place, section);
   }
 
   void check_values(const YAML::Node& found, const std::string& place, std::string_view section) {

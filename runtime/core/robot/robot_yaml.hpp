@@ -1,4 +1,5 @@
-// robot.yaml, checked as crux_contracts checks it: every key there, none that is unknown, every value in its range.
+// robot.yaml, checked as crux_contracts checks it: every key without a default there, none that is unknown, every value
+// in its range.
 #pragma once
 
 #include <yaml-cpp/yaml.h>
@@ -15,6 +16,10 @@ class YamlSection {
  public:
   explicit YamlSection(const YAML::Node& node) : node_(node) {}
 
+  bool has(const std::string& section, const std::string& key) const {
+    const YAML::Node found = node_[section];
+    return found && found[key];
+  }
   YamlSection section(const std::string& key) const { return YamlSection(node_[key]); }
   std::string text(const std::string& key) const { return node_[key].Scalar(); }
   double number(const std::string& key) const { return value(node_[key]); }

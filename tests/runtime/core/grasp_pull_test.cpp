@@ -12,6 +12,7 @@ namespace {
 using crux_msgs::command_t;
 
 constexpr double kDt_s = 0.002;
+constexpr GraspTestParameters kTest;  // the defaults of robot_keys.yaml
 const Wrench kLoad{{15.0, 0.0, 20.0}, {0.1, 0.0, 0.2}};
 
 constexpr PerLimb<double> kBearable_N = {60.0, 60.0, 60.0, 60.0};
@@ -29,7 +30,7 @@ GraspPull pulled(Way way_m, double slid_share = 0.0, double need_N = 0.0) {
     quickest_off = std::max(quickest_off, last - share);
     last = share;
     const double way = way_m(share);
-    test.advance({way, 0.0, 0.0}, slid_share * way, {0.0, share * need_N, 99.0, 0.0}, kDt_s);
+    test.advance({way, 0.0, 0.0}, slid_share * way, {0.0, share * need_N, 99.0, 0.0}, kTest, kDt_s);
   }
   EXPECT_EQ(test.pull_W().force_N.norm(), 0.0);
   // What has failed is let off quicker, and without a jump either.
@@ -88,7 +89,7 @@ TEST(GraspPull, IsPulledNoHarderThanItsOwnJointsGive) {
     const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
     most = std::max(most, share);
     const double need_N = share > 0.5 ? std::numeric_limits<double>::infinity() : 99.0;
-    test.advance({0.0, 0.0, 0.0}, 0.0, {0.0, 0.0, need_N, 0.0}, kDt_s);
+    test.advance({0.0, 0.0, 0.0}, 0.0, {0.0, 0.0, need_N, 0.0}, kTest, kDt_s);
   }
   EXPECT_EQ(test.result(2), GraspPull::Result::kPassed);
   EXPECT_NEAR(most, 0.5, 0.02);
@@ -102,6 +103,24 @@ TEST(GraspPull, AGraspThatComesOffIsNotPulledToTheEnd) {
   });
   EXPECT_EQ(test.result(2), GraspPull::Result::kFailed);
   EXPECT_LT(most, 0.3);
+}
+
+TEST(GraspPull, TakesAsLongAsTheRobotsDescriptionSays) {
+  const auto seconds = [](const GraspTestParameters& parameters) {
+    GraspPull test;
+    test.begin(2, kLoad, kBearable_N);
+    int cycles = 0;
+    for (; test.limb() == 2; ++cycles) test.advance(Vector3::Zero(), 0.0, {}, parameters, kDt_s);
+    EXPECT_EQ(test.result(2), GraspPull::Result::kPassed);
+    return cycles * kDt_s;
+  };
+  // Pressed, pulled up, held, let off: 25 N, which no ramp of 0.2 s needs at 100 N/s.
+  EXPECT_NEAR(seconds({.load_factor = 1.2, .press_s = 0.3, .rate_N_s = 30.0, .min_ramp_s = 0.2, .stand_s = 0.3}),
+              0.3 + 2 * 25.0 / 30.0 + 0.3, 0.01);
+  EXPECT_NEAR(seconds({.load_factor = 1.2, .press_s = 0.1, .rate_N_s = 100.0, .min_ramp_s = 0.1, .stand_s = 0.05}),
+              0.1 + 2 * 25.0 / 100.0 + 0.05, 0.01);
+  EXPECT_NEAR(seconds({.load_factor = 1.2, .press_s = 0.1, .rate_N_s = 400.0, .min_ramp_s = 0.2, .stand_s = 0.05}),
+              0.1 + 2 * 0.2 + 0.05, 0.01);
 }
 
 TEST(GraspPull, ALimbThatGripsAnewIsTestedAnew) {

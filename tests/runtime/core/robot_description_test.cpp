@@ -63,6 +63,16 @@ TEST_F(RobotFiles, AreKept) {
   EXPECT_EQ(files[1], std::pair(std::string("scaler.urdf"), urdf_));
 }
 
+TEST_F(RobotFiles, KeysThatAreMissingHaveTheirDefaults) {
+  replace(yaml_, "  rate_N_s: 30\n", "  rate_N_s: 45\n");
+  replace(yaml_, "  stand_s: 0.3\n", "");
+  EXPECT_EQ(load().value().grasp_test.rate_N_s, 45.0);
+  EXPECT_EQ(load().value().grasp_test.stand_s, 0.3);
+  const std::size_t from = yaml_.find("grasp_test:");
+  yaml_.erase(from, yaml_.find("localisation:") - from);
+  EXPECT_EQ(load().value().grasp_test.rate_N_s, 30.0);
+}
+
 TEST(RobotDescription, HandCarriesTheFingers) {
   EXPECT_EQ(robot().name, "scaler");
   EXPECT_NEAR(robot().limbs[0].hand_mass_kg, 0.35, 1e-12);
