@@ -217,7 +217,7 @@ def _fail(args: argparse.Namespace, message: str, status: int, **more: Any) -> i
 def _show(result: PlanResult, output: Path) -> None:
     from crux_contracts.interpolation import is_walk
 
-    seconds = result.steps * result.plan.dt_s
+    seconds = result.plan.knots[-1].time_s
     say(
         f"{output}: {result.plan.scenario_name!r}, gait {' '.join(result.gait) or 'without a step'}, "
         f"{result.steps} steps, {seconds:g} s"

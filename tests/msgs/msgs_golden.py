@@ -204,6 +204,15 @@ def walking() -> dict[str, Any]:
     return interpolation(sample_walk())
 
 
+def own_times() -> dict[str, Any]:
+    """The same for knots at times of their own."""
+    plan = sample_plan()
+    plan.format = plan_t.FORMAT_OWN_TIMES
+    for k, knot in enumerate(plan.knots[1:], start=1):
+        knot.time_s = plan.knots[k - 1].time_s + (0.3, 1.1, 0.25, 0.7)[k % 4] * plan.dt_s
+    return interpolation(plan)
+
+
 def interpolation(plan: plan_t | None = None) -> dict[str, Any]:
     """A plan, LCM-encoded, and what it asks for at points (interval k, share u); limbs LF, RF, LR, RR."""
     plan = plan or sample_plan()
@@ -211,7 +220,9 @@ def interpolation(plan: plan_t | None = None) -> dict[str, Any]:
     samples = []
     for k in range(reference.intervals):
         for u in SHARES:
-            position, rpy = reference.body((k + u) * plan.dt_s)
+            own = plan.format == plan_t.FORMAT_OWN_TIMES
+            time_s = reference.time_s[k] + u * reference.step_s[k] if own else (k + u) * plan.dt_s
+            position, rpy = reference.body(time_s)
             limbs = []
             for limb in range(len(LIMB_NAMES)):
                 gripper = reference.limb(limb, k, u)
@@ -246,6 +257,7 @@ VECTORS: dict[str, Callable[[], Any]] = {
     "messages.json": messages,
     "can_frames.json": can_frames,
     "interpolation.json": interpolation,
+    "own_times.json": own_times,
     "walking.json": walking,
 }
 

@@ -41,7 +41,8 @@ FORMATS: dict[str, tuple[list[tuple[str, str]], tuple[str, str] | None]] = {
         ("/LF/limb_telemetry", "float64[6] admittance_gains"),
     ),
     "9-gains": ([("/LF/limb_telemetry", "float64[6] admittance_gains")], ("/restart", "int32 interval")),
-    "10-restarts": ([("/LF/limb_telemetry", "float64[6] admittance_gains")], None),
+    "10-restarts": ([("/LF/limb_telemetry", "float64[6] admittance_gains")], ("/plan", "int32 FORMAT_OWN_TIMES=3")),
+    "11-times": ([("/plan", "int32 FORMAT_OWN_TIMES=3")], None),
 }
 
 each = pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)

@@ -64,6 +64,14 @@ def gripper_wrench(knot: limb_knot_t) -> Array:
     return np.concatenate([forces.sum(axis=0), (np.cross(arms, forces) + moments).sum(axis=0)])
 
 
+def knot_times_s(plan: plan_t) -> Array:
+    """(N+1,) when each knot stands: every dt_s, or at its own time."""
+    if plan.format == plan_t.FORMAT_OWN_TIMES:
+        return np.array([knot.time_s for knot in plan.knots], dtype=float)
+    even: Array = np.arange(len(plan.knots), dtype=float) * plan.dt_s
+    return even
+
+
 def is_walk(plan: plan_t) -> bool:
     """Every limb in stance stands on the surface itself (point feet)."""
     standing = [limb for knot in plan.knots for limb in knot.limbs if limb.phase == limb_knot_t.STANCE]
@@ -80,27 +88,31 @@ class PlanReference:
 
         if len(plan.knots) < 2:
             raise ValueError(f"a plan needs two knots at least, this one has {len(plan.knots)}")
-        self.dt_s = plan.dt_s
         self.intervals = len(plan.knots) - 1
+        self.time_s = knot_times_s(plan)
+        """(N+1,) of the knots"""
+        own_times = plan.format == plan_t.FORMAT_OWN_TIMES
+        self.step_s = np.diff(self.time_s) if own_times else np.full(self.intervals, plan.dt_s)
+        """(N,) from each knot to the next"""
         limbs = [[knot.limbs[limb] for limb in range(len(LIMB_NAMES))] for knot in plan.knots]
         self.air = np.array([[limb.phase == limb_knot_t.AIR for limb in knot] for knot in limbs])
         """(N+1, 4)"""
         self.point_feet = is_walk(plan)
-        self._check_swings(plan.format != plan_t.FORMAT_FROM_AIR or self.point_feet)
+        self._check_swings(plan.format == plan_t.FORMAT or self.point_feet)
         self._position_w_m = np.array([[limb.gripper_position_w_m for limb in knot] for knot in limbs], dtype=float)
         self._yaw_w_rad = np.array([[limb.gripper_yaw_w_rad for limb in knot] for knot in limbs], dtype=float)
         self._opening_m = np.array([[limb.finger_separation_m / 2 for limb in knot] for knot in limbs], dtype=float)
         self._wrench = np.array([[gripper_wrench(limb) for limb in knot] for knot in limbs])
         poses = np.array([[*knot.body_position_w_m, *knot.body_rpy_rad] for knot in plan.knots], dtype=float)
-        self._body = PchipInterpolator(np.arange(len(poses)) * plan.dt_s, poses)
+        self._body = PchipInterpolator(self.time_s, poses)
         self._body_rate = self._body.derivative()
         feet = np.concatenate([self._position_w_m, self._yaw_w_rad[..., None]], axis=2)
-        self._feet = PchipInterpolator(np.arange(len(feet)) * plan.dt_s, feet)
+        self._feet = PchipInterpolator(self.time_s, feet)
 
     @property
     def end_s(self) -> float:
         """s, the plan's duration."""
-        return float(self.intervals * self.dt_s)
+        return float(self.time_s[-1])
 
     def lets_go(self, k: int, limb: int) -> bool:
         """Knot k is the first of a swing of this limb (k0 of PLAN.md), in the air at the plan's first knot too."""
@@ -112,8 +124,8 @@ class PlanReference:
 
     def at(self, time_s: float) -> tuple[int, float]:
         """Interval and share of a plan time, clipped to the plan; a knot's time begins its interval."""
-        k = int(np.clip(np.floor(time_s / self.dt_s), 0, self.intervals - 1))
-        return k, float(np.clip(time_s / self.dt_s - k, 0.0, 1.0))
+        k = int(np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, self.intervals - 1))
+        return k, float(np.clip((time_s - self.time_s[k]) / self.step_s[k], 0.0, 1.0))
 
     def body(self, time_s: ArrayLike) -> tuple[Array, Array]:
         """Position (..., 3) in W and roll-pitch-yaw (..., 3)."""
@@ -131,7 +143,7 @@ class PlanReference:
         does."""
         share = np.asarray(u, dtype=float)
         if self.point_feet:
-            foot = self._feet(np.clip((k + share) * self.dt_s, 0.0, self.end_s))[..., limb, :]
+            foot = self._feet(np.clip(self.time_s[k] + share * self.step_s[k], 0.0, self.end_s))[..., limb, :]
             return GripperReference(foot[..., :3], foot[..., 3], np.full_like(share, self._opening_m[k, limb]))
         here, after = self._opening_m[k, limb], self._opening_m[k + 1, limb]
         if not self.air[k, limb]:

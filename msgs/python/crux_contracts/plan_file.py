@@ -30,7 +30,7 @@ PLAN_TOPIC = BY_NAME[CRUX_PLAN].topic
 KNOT_TOPIC = f"{PLAN_TOPIC}/knot"
 ATTACHMENT = "scenario.yaml"
 LIBRARY = "crux"
-FORMATS = (plan_t.FORMAT, plan_t.FORMAT_FROM_AIR)
+FORMATS = (plan_t.FORMAT, plan_t.FORMAT_FROM_AIR, plan_t.FORMAT_OWN_TIMES)
 MAX_BYTES = 32_000_000
 MAX_KNOTS = 4000
 MAX_HOLDS = 1000
@@ -182,7 +182,7 @@ def _one_line(error: Exception) -> str:
 def _check(plan: plan_t, name: str) -> None:
     """Sizes and numbers; whether the plan can be climbed is for checker and runtime to judge."""
     if plan.format not in FORMATS:
-        raise PlanFileError(f"{name}: plan format {plan.format}, this crux reads formats {FORMATS[0]} and {FORMATS[1]}")
+        raise PlanFileError(f"{name}: plan format {plan.format}, this crux reads formats {FORMATS[0]} to {FORMATS[-1]}")
     for what, count, low, high in (("knots", plan.n_knots, 2, MAX_KNOTS), ("holds", plan.n_holds, 0, MAX_HOLDS)):
         if not low <= count <= high:
             raise PlanFileError(f"{name}: {count} {what}, expected {low}..{high}")
@@ -200,6 +200,10 @@ def _check(plan: plan_t, name: str) -> None:
     for index, knot in enumerate(plan.knots):
         if not 0.0 <= knot.time_s <= MAX_TIME_S:
             raise PlanFileError(f"{name}: knots[{index}].time_s {knot.time_s:g}, expected 0..{MAX_TIME_S:g}")
+        step_s = knot.time_s - plan.knots[index - 1].time_s if index else MIN_DT_S + knot.time_s
+        if plan.format == plan_t.FORMAT_OWN_TIMES and not MIN_DT_S <= step_s <= (MAX_DT_S if index else MIN_DT_S):
+            expected = f"{MIN_DT_S:g}..{MAX_DT_S:g} s after the knot before" if index else "0"
+            raise PlanFileError(f"{name}: knots[{index}].time_s {knot.time_s:g}, expected {expected}")
         for limb, limb_knot in zip(LIMB_NAMES, knot.limbs, strict=True):
             if not -1 <= limb_knot.hold < plan.n_holds:
                 place = f"knots[{index}], {limb}: hold {limb_knot.hold}"

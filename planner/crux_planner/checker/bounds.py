@@ -48,7 +48,7 @@ def check_bounds(plan: PlanArrays, robot: Robot, point_model: bool, findings: Fi
         findings.add_series("gripper_yaw", np.maximum(low - yaw, yaw - high), times, "rad", limb=limb)
         height = plan.gripper_position[:, limb, 2] - grasp.max_swing_height_m
         findings.add_series("swing_height", height, times, "m", limb=limb)
-        mean_speed = np.linalg.norm(np.diff(plan.gripper_position[:, limb], axis=0), axis=1) / plan.dt_s
+        mean_speed = np.linalg.norm(np.diff(plan.gripper_position[:, limb], axis=0), axis=1) / plan.step_s
         findings.add_series("swing_speed", mean_speed - limb_speed, between, "m/s", limb=limb)
-        mean_rate = np.abs(np.diff(plan.gripper_yaw[:, limb])) / plan.dt_s
+        mean_rate = np.abs(np.diff(plan.gripper_yaw[:, limb])) / plan.step_s
         findings.add_series("swing_yaw_rate", mean_rate - yaw_rate, between, "rad/s", limb=limb)

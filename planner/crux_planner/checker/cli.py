@@ -71,7 +71,8 @@ def run_check(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(report.to_json()))
     else:
-        title = f"{args.plan}: {plan.scenario_name!r} for {plan.robot_name}, {plan.n_knots} knots of {plan.dt_s:g} s"
+        knots = f"{plan.n_knots} knots in {plan.knots[-1].time_s:g} s"
+        title = f"{args.plan}: {plan.scenario_name!r} for {plan.robot_name}, {knots}"
         show(title, report, on_feet=is_walk(plan))
     return OK if report.ok else VIOLATED
 

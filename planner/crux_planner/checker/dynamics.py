@@ -1,6 +1,6 @@
 """The equations of motion: at the knots (8a), (8b) with the moment about the centre of mass, limbs counted, explicit
-Euler with dt; along the plan the force and moment that all contacts must have together, Newton-Euler for every link,
-limbs as inverse kinematics places them. A foot must press for that, never pull.
+Euler from knot to knot; along the plan the force and moment that all contacts must have together, Newton-Euler for
+every link, limbs as inverse kinematics places them. A foot must press for that, never pull.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ def check_dynamics(plan: PlanArrays, centre_w_m: Array, mass_kg: float, inertia_
     `centre_w_m` (K - 1, 3) is the whole robot's centre of mass c at the knots before the last one, `inertia_b` the
     composite inertia about it, axes of B, at the plan's first posture.
     """
-    dt, now, nxt = plan.dt_s, slice(0, -1), slice(1, None)
+    dt, now, nxt = plan.step_s[:, None], slice(0, -1), slice(1, None)
     times = plan.time_s[now]
     velocity, rate = plan.body_velocity, plan.body_rate
 

@@ -14,6 +14,9 @@ from crux_planner.checker.report import Findings
 STANCE, AIR = limb_knot_t.STANCE, limb_knot_t.AIR
 FACE_NONE, FACE_WALL = limb_knot_t.FACE_NONE, limb_knot_t.FACE_WALL
 
+MIN_STEP_S = 1e-3
+"""Between knots with times of their own."""
+
 _OUTWARD = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
 """Outward normals of a cuboid's faces in its own frame: +x, -x, +y, -y, top (of the wall itself: FACE_WALL)."""
 
@@ -51,6 +54,8 @@ class PlanArrays:
     """Knots k = 0..N (K = N + 1) of the four limbs; names as in the LCM types."""
 
     dt_s: float
+    step_s: Array
+    """(K - 1,) from each knot to the next: dt_s, or as the knots' own times have it."""
     gravity_w: Array
     patch_k_m: float
     max_normal_N: float
@@ -171,6 +176,7 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
         )
         arrays = PlanArrays(
             float(plan.dt_s),
+            _steps(plan),
             np.array(plan.gravity_w_m_s2, dtype=float).reshape(3),
             float(plan.patch_k_m),
             float(plan.max_normal_n),
@@ -195,16 +201,23 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
     except (TypeError, ValueError) as error:
         findings.add("plan_format", 1.0, "", detail=f"a field has the wrong length or type: {error}")
         return None
-    return arrays if _sound(arrays, findings) else None
+    return arrays if _sound(arrays, plan.format == plan.FORMAT_OWN_TIMES, findings) else None
+
+
+def _steps(plan: Any) -> Array:
+    """From each knot to the next (K - 1,)."""
+    if plan.format != plan.FORMAT_OWN_TIMES:
+        return np.full(plan.n_knots - 1, float(plan.dt_s))
+    return np.diff(np.array([knot.time_s for knot in plan.knots], dtype=float))
 
 
 def _fault_of_form(plan: Any) -> str | None:
     """Why the message has not the form that arrays are read from; None where it has."""
     knots, holds = len(plan.knots), len(plan.holds)
-    if plan.format not in (plan.FORMAT, plan.FORMAT_FROM_AIR):
-        return f"format is {plan.format}, this checker knows {plan.FORMAT} and {plan.FORMAT_FROM_AIR}"
+    if not plan.FORMAT <= plan.format <= plan.FORMAT_OWN_TIMES:
+        return f"format is {plan.format}, this checker knows {plan.FORMAT} to {plan.FORMAT_OWN_TIMES}"
     if plan.format == plan.FORMAT and knots and any(limb.phase == AIR for limb in plan.knots[0].limbs):
-        return f"a limb is in the air at the first knot, which only plans of format {plan.FORMAT_FROM_AIR} may have"
+        return f"a limb is in the air at the first knot, which plans of format {plan.FORMAT} may not have"
     if plan.n_knots != knots or plan.n_holds != holds or plan.n_knots < 2:
         counts = f"{plan.n_knots} knots announced, {knots} there; {plan.n_holds} holds announced, {holds} there"
         return f"{counts}; at least 2 knots are needed"
@@ -213,8 +226,8 @@ def _fault_of_form(plan: Any) -> str | None:
     return None
 
 
-def _sound(plan: PlanArrays, findings: Findings) -> bool:
-    """Finite numbers, a positive step, evenly spaced knots, known phases: what every other check builds on."""
+def _sound(plan: PlanArrays, own_times: bool, findings: Findings) -> bool:
+    """Finite numbers, a positive step, knots in order of time, known phases: what every other check builds on."""
     sound = True
     for owner in (plan, plan.cuboids):
         for name in (entry.name for entry in fields(owner)):
@@ -239,8 +252,12 @@ def _sound(plan: PlanArrays, findings: Findings) -> bool:
     if plan.dt_s <= 0.0:
         findings.add("time_stamps", -plan.dt_s, "s", tolerance=-1.0, detail="dt_s must be positive")
         return False
-    clock = np.abs(plan.time_s - plan.dt_s * np.arange(plan.n_knots))
-    findings.add_series("time_stamps", clock, plan.time_s, "s", tolerance=1e-9 * plan.n_knots * max(plan.dt_s, 1.0))
+    if own_times:
+        ordered = _ordered(plan, findings)
+    else:
+        clock, tolerance_s = np.abs(plan.time_s - plan.dt_s * np.arange(plan.n_knots)), 1e-9 * max(plan.dt_s, 1.0)
+        findings.add_series("time_stamps", clock, plan.time_s, "s", tolerance=tolerance_s * plan.n_knots)
+        ordered = bool(clock.max() <= 0.01 * plan.dt_s)
     known = np.isin(plan.phase, (STANCE, AIR))
     for k, limb in np.argwhere(~known):
         detail = f"phase {plan.phase[k, limb]} is neither STANCE ({STANCE}) nor AIR ({AIR})"
@@ -249,4 +266,13 @@ def _sound(plan: PlanArrays, findings: Findings) -> bool:
     if not sized:
         index = int(np.argwhere((plan.cuboids.size_m <= 0.0).any(axis=1))[0, 0])
         findings.add("plan_format", 1.0, "", detail=f"hold {plan.cuboids.names[index]!r} has no volume")
-    return sized and bool(known.all()) and clock.max() <= 0.01 * plan.dt_s
+    return sized and bool(known.all()) and ordered
+
+
+def _ordered(plan: PlanArrays, findings: Findings) -> bool:
+    """Knots with times of their own: of a climb, from 0 on, each later than the one before."""
+    if plan.point_feet:
+        findings.add("plan_format", 1.0, "", detail="the knots of a walk stand every dt_s")
+    late = np.append(np.abs(plan.time_s[0]), MIN_STEP_S - plan.step_s)
+    findings.add_series("time_stamps", late, plan.time_s, "s", tolerance=1e-12)
+    return not plan.point_feet and bool((late <= 1e-12).all())

@@ -54,21 +54,22 @@ def smooth(x: Array) -> Array:
     return x * x * (3.0 - 2.0 * x)
 
 
-def pchip(step: float, values: Array, interval: Indices, share: Array) -> Array:
-    """Monotone piecewise cubic through evenly spaced knots (K, D) (Fritsch & Carlson 1980; one-sided three-point ends),
-    at share (T,) of intervals (T,).
+def pchip(step: Array, values: Array, interval: Indices, share: Array) -> Array:
+    """Monotone piecewise cubic through knots (K, D), `step` (K - 1,) apart (Fritsch & Carlson 1980; one-sided
+    three-point ends), at share (T,) of intervals (T,).
     """
-    rise = np.diff(values, axis=0) / step
+    rise = np.diff(values, axis=0) / step[:, None]
     slope = np.zeros_like(values)
     if len(values) == 2:
         slope[:] = rise[0]
     else:
         before, after = rise[:-1], rise[1:]
         same = before * after > 0.0
-        total = np.where(same, before + after, 1.0)
-        slope[1:-1] = np.where(same, 2.0 * before * after / total, 0.0)  # harmonic mean
-        for end, near, far in ((0, rise[0], rise[1]), (-1, rise[-1], rise[-2])):
-            value = 0.5 * (3.0 * near - far)
+        weight = ((step[:-1] + 2.0 * step[1:]) / (3.0 * (step[:-1] + step[1:])))[:, None]
+        total = np.where(same, weight * after + (1.0 - weight) * before, 1.0)
+        slope[1:-1] = np.where(same, before * after / total, 0.0)  # harmonic mean, weighted
+        for end, near, far, ends in ((0, rise[0], rise[1], step[:2]), (-1, rise[-1], rise[-2], step[:-3:-1])):
+            value = near + ends[0] / ends.sum() * (near - far)
             value = np.where(np.sign(value) != np.sign(near), 0.0, value)
             limited = (np.sign(near) != np.sign(far)) & (np.abs(value) > 3.0 * np.abs(near))
             slope[end] = np.where(limited, 3.0 * near, value)
@@ -76,7 +77,8 @@ def pchip(step: float, values: Array, interval: Indices, share: Array) -> Array:
     h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
     h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
     a, b = interval, interval + 1
-    return h00 * values[a] + step * h10 * slope[a] + h01 * values[b] + step * h11 * slope[b]
+    length = step[a, None]
+    return h00 * values[a] + length * h10 * slope[a] + h01 * values[b] + length * h11 * slope[b]
 
 
 def sample(plan: PlanArrays) -> Samples:
@@ -92,7 +94,7 @@ def sample_at(plan: PlanArrays, interval: Indices, share: Array) -> Samples:
     """The reference at `share` (T,) in [0, 1] of the intervals `interval` (T,)."""
     k, u = interval, share
     pose = np.concatenate([plan.body_position, plan.body_rpy], axis=1)
-    body = pchip(plan.dt_s, pose, k, u)
+    body = pchip(plan.step_s, pose, k, u)
     position, yaw = plan.gripper_position[k].copy(), plan.gripper_yaw[k].copy()
     opening = 0.5 * plan.separation[k]
     own = plan.gripped_hold[k]
@@ -101,7 +103,7 @@ def sample_at(plan: PlanArrays, interval: Indices, share: Array) -> Samples:
     feet = plan.point_feet
     if feet:
         way = np.concatenate([plan.gripper_position, plan.gripper_yaw[..., None]], axis=2)
-        way = pchip(plan.dt_s, way.reshape(plan.n_knots, -1), k, u).reshape(-1, 4, 4)
+        way = pchip(plan.step_s, way.reshape(plan.n_knots, -1), k, u).reshape(-1, 4, 4)
         position, yaw = way[..., :3], way[..., 3]
     for swing in swings(plan):
         if not feet:
@@ -110,7 +112,7 @@ def sample_at(plan: PlanArrays, interval: Indices, share: Array) -> Samples:
         leaving, landed = k == swing.first - 1, k == swing.last + 1
         load[leaving, limb] *= 1.0 - smooth((u[leaving] - 0.5) / 0.45)
         load[landed, limb] *= smooth((u[landed] - 0.02) / 0.4)
-    turned, time_s = rotation_from_rpy(body[:, 3:]), plan.time_s[k] + u * plan.dt_s
+    turned, time_s = rotation_from_rpy(body[:, 3:]), plan.time_s[k] + u * plan.step_s[k]
     return Samples(time_s, k, body[:, :3], body[:, 3:], turned, position, yaw, opening, force, moment, load, own)
 
 

@@ -76,7 +76,7 @@ class PlanResult:
         verdict = "passed the check" if self.ok else "did not pass the check"
         return (
             f"PlanResult: {self.plan.scenario_name} for {self.plan.robot_name}, {verdict}\n"
-            f"  {self.steps} steps of {self.plan.dt_s:g} s, gait {' '.join(self.gait)}\n"
+            f"  {self.steps} steps in {self.plan.knots[-1].time_s:g} s, gait {' '.join(self.gait)}\n"
             f"  cost {self.cost:.3f}, gap {gap}; method {self.method}, {self.seconds:.1f} s\n"
             f"  {self.check}"
         )

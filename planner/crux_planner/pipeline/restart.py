@@ -1,17 +1,20 @@
 """Where a running plan can be left, and the scenario from there on."""
 
-import math
 from collections.abc import Callable, Collection
 from typing import Any, cast
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.interpolation import knot_times_s
 from crux_contracts.scenario import BodyPose, Scenario, parse_scenario
 from crux_contracts.yaml_document import parse_mapping, values
 from crux_msgs import plan_t
 
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.contacts import FACE_NAMES, PAIR_NAMES
+
+EARLY_S = 1e-9
+"""A knot counts as reached."""
 
 
 def stances(running: plan_t) -> list[int]:
@@ -22,12 +25,12 @@ def stances(running: plan_t) -> list[int]:
 
 def stance_knot(running: plan_t, at_s: float) -> int:
     """The first knot at or after a time at which all limbs hold on. Raises InfeasibleError after the last one."""
-    k: int = max(0, math.ceil(at_s / running.dt_s - 1e-9))
+    times_s = knot_times_s(running)
+    k = int(np.searchsorted(times_s, at_s - EARLY_S))
     while k < len(running.knots) and min(limb.hold for limb in running.knots[k].limbs) < 0:
         k += 1
     if k >= len(running.knots):
-        end_s = (len(running.knots) - 1) * running.dt_s
-        raise InfeasibleError("time", f"the plan ends at {end_s:g} s: nothing to plan again from at {at_s:g} s")
+        raise InfeasibleError("time", f"the plan ends at {times_s[-1]:g} s: nothing to plan again from at {at_s:g} s")
     return k
 
 

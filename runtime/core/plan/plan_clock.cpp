@@ -49,7 +49,7 @@ void PlanClock::depart(const PreparedPlan& plan, Motion motion) noexcept {
 /// A stance counts as verified when all limbs bear and all of them grip.
 void PlanClock::verify(const PreparedPlan& plan, const PerLimb<LimbEvents>& events) noexcept {
   const double at_s = stance_s(plan, now_.interval);
-  if (at_s < 0.0 || now_.elapsed_s < at_s || now_.elapsed_s > kUnloadBegin * plan.dt_s) return;
+  if (at_s < 0.0 || now_.elapsed_s < at_s || now_.elapsed_s > kUnloadBegin * plan.step_s[now_.interval]) return;
   if (std::ranges::all_of(events, &LimbEvents::gripped)) verified_ = {now_.interval, at_s};
 }
 
@@ -57,12 +57,13 @@ void PlanClock::verify(const PreparedPlan& plan, const PerLimb<LimbEvents>& even
 /// pass a stop that stands there.
 void PlanClock::cross_knot(const PreparedPlan& plan) noexcept {
   const int next = now_.interval + (now_.back ? -1 : 1);
+  const double length_s = plan.step_s[now_.interval];
   if (next < 0 || next == plan.intervals()) {
-    now_.elapsed_s = now_.back ? 0.0 : plan.dt_s;
+    now_.elapsed_s = now_.back ? 0.0 : length_s;
     return;
   }
-  const double edge_s = now_.back ? plan.dt_s : 0.0;
-  const double rest_s = now_.back ? now_.elapsed_s : now_.elapsed_s - plan.dt_s;
+  const double edge_s = now_.back ? plan.step_s[next] : 0.0;
+  const double rest_s = now_.back ? now_.elapsed_s : now_.elapsed_s - length_s;
   now_ = {next, next == stop_.interval ? edge_s : edge_s + rest_s, now_.back};
 }
 
@@ -72,13 +73,14 @@ void PlanClock::advance(const PreparedPlan& plan, const PerLimb<LimbEvents>& eve
   if (arrived(plan)) return;
   const int k = now_.interval;
   const bool back = now_.back;
+  const double length_s = plan.step_s[k];
   // In reverse a limb leaves the hold it took, and comes to the one that it left.
   const auto leaves = [&](int l) { return back ? plan.takes_hold(k + 1, l) : plan.lets_go(k, l); };
   const auto comes = [&](int l) { return back ? plan.lets_go(k, l) : plan.takes_hold(k + 1, l); };
   const auto leaves_next = [&](int l) { return back ? plan.takes_hold(k, l) : plan.lets_go(k + 1, l); };
-  const double leave_s = (back ? kCloseShare : kLiftShare) * plan.dt_s;
-  const double arrive_s = (back ? kLiftShare : kCloseShare) * plan.dt_s;
-  const double edge_s = back ? 0.0 : plan.dt_s;
+  const double leave_s = (back ? kCloseShare : kLiftShare) * length_s;
+  const double arrive_s = (back ? kLiftShare : kCloseShare) * length_s;
+  const double edge_s = back ? 0.0 : length_s;
   const double sign = back ? -1.0 : 1.0;
   const double to_s = now_.elapsed_s + sign * scale * dt_s;
   const auto ahead = [&](double at_s) { return sign * (at_s - now_.elapsed_s) >= 0.0; };

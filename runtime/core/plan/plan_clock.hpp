@@ -50,7 +50,7 @@ class PlanClock {
 
   /// Limbs on their last way to a hold begin it again.
   void approach_anew(const PreparedPlan& plan) noexcept {
-    now_.elapsed_s = now_.back ? plan.dt_s : 0.0;
+    now_.elapsed_s = now_.back ? plan.step_s[now_.interval] : 0.0;
     wait_anew();
   }
 
@@ -59,7 +59,7 @@ class PlanClock {
 
   const PlanTime& now() const { return now_; }
   bool complete(const PreparedPlan& plan) const {
-    return now_.interval + 1 == plan.intervals() && now_.elapsed_s >= plan.dt_s;
+    return now_.interval + 1 == plan.intervals() && now_.elapsed_s >= plan.step_s[now_.interval];
   }
   /// It stands where its motion ends.
   bool arrived(const PreparedPlan& plan) const { return stops() ? arrived_ : complete(plan); }

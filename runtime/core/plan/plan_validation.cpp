@@ -17,7 +17,8 @@ using crux_msgs::plan_knot_t;
 using crux_msgs::plan_t;
 
 constexpr double kTimeTolerance_s = 1e-6;
-constexpr double kPoseTolerance = 1e-6;  // of a gripper that must not have moved [m, rad]
+constexpr double kMinStep_s = 1e-3, kMaxStep_s = 3600.0;  // between knots with times of their own
+constexpr double kPoseTolerance = 1e-6;                   // of a gripper that must not have moved [m, rad]
 constexpr double kForceTolerance_N = 1e-3;
 // What the runtime's own loop could follow without anyone noticing.
 constexpr double kReachTolerance_m = 1e-3;
@@ -53,9 +54,9 @@ bool all_finite(const double* values, int n) {
 }
 
 std::string identity_defect(const RobotDescription& robot, const plan_t& plan) {
-  if (plan.format != plan_t::FORMAT && plan.format != plan_t::FORMAT_FROM_AIR) {
-    return Sentence() << "plan format is " << plan.format << "; this runtime reads format " << plan_t::FORMAT << " and "
-                      << plan_t::FORMAT_FROM_AIR;
+  if (plan.format < plan_t::FORMAT || plan.format > plan_t::FORMAT_OWN_TIMES) {
+    return Sentence() << "plan format is " << plan.format << "; this runtime reads formats " << plan_t::FORMAT << " to "
+                      << plan_t::FORMAT_OWN_TIMES;
   }
   if (plan.robot_name != robot.name) {
     return Sentence() << "the plan is for robot '" << plan.robot_name << "', this is '" << robot.name << "'";
@@ -95,7 +96,14 @@ std::string size_defect(const plan_t& plan) {
 
 std::string knot_defect(const plan_t& plan, std::size_t k) {
   const plan_knot_t& knot = plan.knots[k];
-  if (!(std::abs(knot.time_s - static_cast<double>(k) * plan.dt_s) <= kTimeTolerance_s)) {
+  if (plan.format == plan_t::FORMAT_OWN_TIMES) {
+    const double before_s = k > 0 ? plan.knots[k - 1].time_s : 0.0, step_s = knot.time_s - before_s;
+    if (!(k > 0 ? step_s >= kMinStep_s && step_s <= kMaxStep_s : knot.time_s == 0.0)) {
+      return Sentence() << "knot " << k << ": time_s is " << knot.time_s
+                        << "; the first knot stands at 0 s, the others " << kMinStep_s << " to " << kMaxStep_s
+                        << " s after the one before, at " << before_s << " s";
+    }
+  } else if (!(std::abs(knot.time_s - static_cast<double>(k) * plan.dt_s) <= kTimeTolerance_s)) {
     return Sentence() << "knot " << k << ": time_s is " << knot.time_s << "; knots stand every dt_s = " << plan.dt_s
                       << " s";
   }
@@ -236,7 +244,7 @@ std::string limb_reach_defect(const RobotDescription& robot, const PreparedPlan&
   }
   for (int k = 0; k < plan.intervals(); ++k) {
     for (int sample = 0; sample <= kSamplesPerInterval; ++sample) {
-      const PlanTime at{k, plan.dt_s * sample / kSamplesPerInterval};
+      const PlanTime at{k, plan.step_s[k] * sample / kSamplesPerInterval};
       result = inverse.solve(gripper_target_B(play(plan, at), l), result.q_rad, kFollowIterations);
       if (!reached(result)) {
         return Sentence() << place(robot, static_cast<std::size_t>(k), l) << "the gripper is out of reach at "
@@ -254,6 +262,7 @@ std::string plan_message_defect(const RobotDescription& robot, const plan_t& pla
   if (std::string defect = identity_defect(robot, plan); !defect.empty()) return defect;
   if (std::string defect = size_defect(plan); !defect.empty()) return defect;
   const bool walk = is_walk(plan);
+  if (walk && plan.format == plan_t::FORMAT_OWN_TIMES) return "plan format is 3; the knots of a walk stand every dt_s";
   for (std::size_t k = 0; k < plan.knots.size(); ++k) {
     if (std::string defect = knot_defect(plan, k); !defect.empty()) return defect;
     for (int l = 0; l < kLimbs; ++l) {

@@ -28,12 +28,22 @@ double squeeze_N(const crux_msgs::limb_knot_t& knot) {
 
 /// Slopes of `dimensions` coordinates over all knots: `value(k, i)` in, `slope(k, i)` out.
 template <class Value, class Slope>
-void fill_slopes(std::size_t knots, int dimensions, double dt_s, Value value, Slope slope) {
+void fill_slopes(const std::vector<double>& step_s, int dimensions, Value value, Slope slope) {
+  const std::size_t knots = step_s.size() + 1;
   std::vector<double> values(knots);
   for (int i = 0; i < dimensions; ++i) {
     for (std::size_t k = 0; k < knots; ++k) values[k] = value(k, i);
-    const std::vector<double> slopes = pchip_slopes(values, dt_s);
+    const std::vector<double> slopes = pchip_slopes(values, step_s);
     for (std::size_t k = 0; k < knots; ++k) slope(k, i) = slopes[k];
+  }
+}
+
+/// Knots stand evenly, but in a plan in which each has its own time.
+void fill_times(const crux_msgs::plan_t& plan, PreparedPlan& prepared) {
+  const bool own = plan.format == crux_msgs::plan_t::FORMAT_OWN_TIMES;
+  for (std::size_t k = 0; k < plan.knots.size(); ++k) {
+    prepared.time_s.push_back(own ? plan.knots[k].time_s : static_cast<double>(k) * plan.dt_s);
+    if (k > 0) prepared.step_s.push_back(own ? prepared.time_s[k] - prepared.time_s[k - 1] : plan.dt_s);
   }
 }
 
@@ -45,13 +55,14 @@ void tabulate_feet(PreparedPlan& plan) {
       const LimbKnot& knot = plan.limbs[k][l];
       return i < 3 ? knot.gripper_position_W_m[i] : knot.gripper_yaw_W_rad;
     };
-    fill_slopes(n, 4, plan.dt_s, pose, [&](std::size_t k, int i) -> double& { return plan.foot_slope[k][l][i]; });
+    fill_slopes(plan.step_s, 4, pose, [&](std::size_t k, int i) -> double& { return plan.foot_slope[k][l][i]; });
   }
 }
 
-/// Three-point derivative at an end, kept from overshooting.
-double end_slope(double first, double second) {
-  const double slope = 0.5 * (3.0 * first - second);
+/// Three-point derivative at an end, kept from overshooting; secants and lengths of the two intervals there.
+double end_slope(double first, double second, double first_s, double second_s) {
+  const double share = first_s / (first_s + second_s);
+  const double slope = (1.0 + share) * first - share * second;
   if (slope * first <= 0.0) return 0.0;
   if (first * second <= 0.0 && std::abs(slope) > 3.0 * std::abs(first)) return 3.0 * first;
   return slope;
@@ -59,19 +70,21 @@ double end_slope(double first, double second) {
 
 }  // namespace
 
-std::vector<double> pchip_slopes(const std::vector<double>& values, double dt_s) {
+std::vector<double> pchip_slopes(const std::vector<double>& values, const std::vector<double>& step_s) {
   const std::size_t n = values.size();
   std::vector<double> secant(n - 1);
-  for (std::size_t i = 0; i + 1 < n; ++i) secant[i] = (values[i + 1] - values[i]) / dt_s;
+  for (std::size_t i = 0; i + 1 < n; ++i) secant[i] = (values[i + 1] - values[i]) / step_s[i];
   if (n == 2) return {secant[0], secant[0]};
   std::vector<double> slopes(n, 0.0);
   for (std::size_t i = 1; i + 1 < n; ++i) {
     const double a = secant[i - 1], b = secant[i];
-    // Harmonic mean on an even grid; flat where the data turns.
-    if (a * b > 0.0) slopes[i] = 2.0 / (1.0 / a + 1.0 / b);
+    const double before_s = step_s[i - 1], after_s = step_s[i];
+    const double share = (2.0 * after_s + before_s) / (3.0 * (before_s + after_s));
+    // Weighted harmonic mean; flat where the data turns.
+    if (a * b > 0.0) slopes[i] = 1.0 / (share / a + (1.0 - share) / b);
   }
-  slopes.front() = end_slope(secant[0], secant[1]);
-  slopes.back() = end_slope(secant[n - 2], secant[n - 3]);
+  slopes.front() = end_slope(secant[0], secant[1], step_s[0], step_s[1]);
+  slopes.back() = end_slope(secant[n - 2], secant[n - 3], step_s[n - 2], step_s[n - 3]);
   return slopes;
 }
 
@@ -89,11 +102,11 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
   auto prepared = std::make_unique<PreparedPlan>();
   prepared->plan_id = plan.plan_id;
   prepared->point_feet = is_walk(plan);
-  prepared->dt_s = plan.dt_s;
   prepared->gravity_W_m_s2 = Vector3(plan.gravity_w_m_s2);
   prepared->patch_k_m = plan.patch_k_m;
   prepared->max_normal_N = plan.max_normal_n;
   const std::size_t n = plan.knots.size();
+  fill_times(plan, *prepared);
   prepared->body.resize(n);
   prepared->body_slope.resize(n);
   prepared->limbs.resize(n);
@@ -123,7 +136,7 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
     }
   }
   fill_slopes(
-      n, 6, plan.dt_s, [&](std::size_t k, int i) { return prepared->body[k][i]; },
+      prepared->step_s, 6, [&](std::size_t k, int i) { return prepared->body[k][i]; },
       [&](std::size_t k, int i) -> double& { return prepared->body_slope[k][i]; });
   if (prepared->point_feet) tabulate_feet(*prepared);
   return prepared;

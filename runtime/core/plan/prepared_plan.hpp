@@ -27,10 +27,11 @@ using FootPose = Eigen::Vector4d;  ///< x, y, z, yaw
 struct PreparedPlan {
   std::string plan_id;
   bool point_feet = false;  ///< a walk: limbs in stance stand on the wall itself
-  double dt_s = 0.0;
   Vector3 gravity_W_m_s2 = Vector3::Zero();
   double patch_k_m = 0.0;
   double max_normal_N = 0.0;
+  std::vector<double> time_s;       ///< of the knots
+  std::vector<double> step_s;       ///< from knot k to k + 1
   std::vector<Vector6> body;        ///< position, roll-pitch-yaw at the knots
   std::vector<Vector6> body_slope;  ///< their PCHIP derivatives [1/s]
   std::vector<PerLimb<LimbKnot>> limbs;
@@ -38,7 +39,7 @@ struct PreparedPlan {
   std::vector<char> release;                  ///< 1: a limb releases its hold at this knot (k0 of PLAN.md)
 
   int intervals() const { return static_cast<int>(limbs.size()) - 1; }
-  double end_s() const { return intervals() * dt_s; }
+  double end_s() const { return time_s.back(); }
   /// Limb l releases at knot k, or is in the air where the plan begins: the first knot of a swing.
   bool lets_go(int k, int l) const { return k <= intervals() && limbs[k][l].air && (k == 0 || !limbs[k - 1][l].air); }
   /// Limb l takes hold at knot k: the first knot after a swing.
@@ -51,8 +52,8 @@ bool is_walk(const crux_msgs::plan_t& plan);
 /// The tables of a plan, without asking whether it makes sense. Point feet are at their foot points.
 std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan);
 
-/// Slopes of the monotone piecewise cubic through values[i] at i·dt (Fritsch & Carlson 1980; one-sided three-point
-/// ends).
-std::vector<double> pchip_slopes(const std::vector<double>& values, double dt_s);
+/// Slopes of the monotone piecewise cubic through values that stand step_s[i] apart (Fritsch & Carlson 1980; one-sided
+/// three-point ends).
+std::vector<double> pchip_slopes(const std::vector<double>& values, const std::vector<double>& step_s);
 
 }  // namespace crux

@@ -19,7 +19,7 @@ Vector hermite(const Vector& a, const Vector& b, const Vector& da, const Vector&
 
 Pose body_pose(const PreparedPlan& plan, int k, double u) {
   const Vector6 pose =
-      hermite(plan.body[k], plan.body[k + 1], plan.body_slope[k], plan.body_slope[k + 1], plan.dt_s, u);
+      hermite(plan.body[k], plan.body[k + 1], plan.body_slope[k], plan.body_slope[k + 1], plan.step_s[k], u);
   return {rotation_from_rpy(pose.tail<3>()), pose.head<3>()};
 }
 
@@ -95,7 +95,7 @@ void play_foot(const PreparedPlan& plan, int k, double u, int l, LimbReference& 
     play_stance(plan, k, u, l, false, out);
   }
   const FootPose pose = hermite(foot_pose(here), foot_pose(plan.limbs[k + 1][l]), plan.foot_slope[k][l],
-                                plan.foot_slope[k + 1][l], plan.dt_s, u);
+                                plan.foot_slope[k + 1][l], plan.step_s[k], u);
   out.gripper_position_W_m = pose.head<3>();
   out.gripper_yaw_W_rad = pose[3];
 }
@@ -119,12 +119,12 @@ double stance_s(const PreparedPlan& plan, int k) noexcept {
     if (plan.limbs[k][l].air) return -1.0;
     taken = taken || plan.takes_hold(k, l);
   }
-  return taken ? (kLoadBegin + kLoadSpan) * plan.dt_s : 0.0;
+  return taken ? (kLoadBegin + kLoadSpan) * plan.step_s[k] : 0.0;
 }
 
 PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept {
   const int k = std::clamp(at.interval, 0, plan.intervals() - 1);
-  const double u = std::clamp(at.elapsed_s / plan.dt_s, 0.0, 1.0);
+  const double u = std::clamp(at.elapsed_s / plan.step_s[k], 0.0, 1.0);
   PlanReference reference;
   reference.body_W = body_pose(plan, k, u);
   for (int l = 0; l < kLimbs; ++l) {
@@ -143,15 +143,15 @@ PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept {
 
 PlanTime later(const PreparedPlan& plan, const PlanTime& at, double ahead_s) noexcept {
   PlanTime then{at.interval, at.elapsed_s + (at.back ? -ahead_s : ahead_s), at.back};
-  while (then.elapsed_s > plan.dt_s) {
-    if (then.interval + 1 >= plan.intervals()) return {plan.intervals() - 1, plan.dt_s};
+  while (then.elapsed_s > plan.step_s[then.interval]) {
+    if (then.interval + 1 >= plan.intervals()) return {plan.intervals() - 1, plan.step_s.back()};
+    then.elapsed_s -= plan.step_s[then.interval];
     ++then.interval;
-    then.elapsed_s -= plan.dt_s;
   }
   while (then.elapsed_s < 0.0) {
     if (then.interval == 0) return {0, 0.0, true};
     --then.interval;
-    then.elapsed_s += plan.dt_s;
+    then.elapsed_s += plan.step_s[then.interval];
   }
   return then;
 }

@@ -34,7 +34,7 @@ struct PlanTime {
   double elapsed_s = 0.0;
   bool back = false;
 
-  double seconds(const PreparedPlan& plan) const { return interval * plan.dt_s + elapsed_s; }
+  double seconds(const PreparedPlan& plan) const { return plan.time_s[interval] + elapsed_s; }
 };
 
 struct LimbReference {

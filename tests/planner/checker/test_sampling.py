@@ -42,18 +42,21 @@ def test_equals_the_contracts_reading(k: int) -> None:
         np.testing.assert_allclose(samples.load[:, limb], REFERENCE.load(limb, k, u), atol=1e-12)
 
 
-def test_point_feet_equal_the_contracts_reading() -> None:
-    """The golden walk: two limbs step at once."""
-    golden = json.loads((Path(__file__).resolve().parents[3] / "msgs" / "golden" / "walking.json").read_text())
+@pytest.mark.parametrize("name", ["walking", "own_times"])
+def test_other_plans_equal_the_contracts_reading(name: str) -> None:
+    """The golden walk, in which two limbs step at once, and the golden plan whose knots have times of their own."""
+    golden = json.loads((Path(__file__).resolve().parents[3] / "msgs" / "golden" / f"{name}.json").read_text())
     plan = plan_t.decode(bytes.fromhex(golden["plan_lcm"]))
     read = read_plan(plan, Findings())
     assert read is not None
     for point in golden["samples"]:
         samples = sample_at(read, np.array([point["k"]]), np.array([point["u"]]))
+        assert samples.body_position[0] == pytest.approx(point["body_position_w_m"], abs=1e-10)
         for limb, expected in enumerate(point["limbs"]):
             assert samples.gripper_position[0, limb] == pytest.approx(expected["gripper_position_w_m"], abs=1e-10)
             assert samples.gripper_yaw[0, limb] == pytest.approx(expected["gripper_yaw_w_rad"], abs=1e-10)
-            assert samples.opening[0, limb] == pytest.approx(expected["finger_opening_m"])
+            if name == "walking":  # those of grippers follow below
+                assert samples.opening[0, limb] == pytest.approx(expected["finger_opening_m"])
             assert samples.load[0, limb] == pytest.approx(expected["load"], abs=1e-10)
             wrench = np.concatenate([samples.force[0, limb], samples.moment[0, limb]])
             assert wrench == pytest.approx(expected["wrench_w"], abs=1e-9)
@@ -78,10 +81,11 @@ def test_fingers_are_followed_on_their_way_to_the_commanded_opening(limb: int) -
 def test_pchip_equals_scipys(knots: int, seed: int) -> None:
     random = np.random.default_rng(seed)
     values = random.normal(size=(knots, 3)) * random.integers(0, 2, size=(knots, 1))
-    t = random.uniform(0.0, (knots - 1) * 0.7 - 1e-9, 40)
-    k = np.minimum((t / 0.7).astype(int), knots - 2)
-    expected = PchipInterpolator(0.7 * np.arange(knots), values)(t)
-    np.testing.assert_allclose(pchip(0.7, values, k, t / 0.7 - k), expected, atol=1e-12)
+    steps = random.uniform(0.1, 2.0, knots - 1) if seed % 2 else np.full(knots - 1, 0.7)
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    k, u = random.integers(0, knots - 1, 40), random.uniform(0.0, 1.0, 40)
+    expected = PchipInterpolator(times, values)(times[k] + u * steps[k])
+    np.testing.assert_allclose(pchip(steps, values, k, u), expected, atol=1e-12)
 
 
 def test_moments_are_close_together_where_a_limb_moves() -> None:

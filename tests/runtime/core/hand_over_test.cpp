@@ -32,7 +32,7 @@ TEST(FromAir, TheSwingBeginsWithOpenFingersAtTheFirstKnot) {
   const std::unique_ptr<PreparedPlan> plan = tabulate(plan_from_air());
   std::vector<LimbPhase> seen;
   for (int i = 0; i < 100 * plan->intervals(); ++i) {
-    const LimbReference limb = play(*plan, {i / 100, (i % 100) * plan->dt_s / 100}).limbs[0];
+    const LimbReference limb = play(*plan, {i / 100, (i % 100) * plan->step_s[i / 100] / 100}).limbs[0];
     if (seen.empty() || seen.back() != limb.phase) seen.push_back(limb.phase);
     if (limb.phase == LimbPhase::kOpen) {
       EXPECT_EQ(limb.finger_opening_m, plan->limbs[1][0].finger_opening_m);
@@ -51,7 +51,7 @@ TEST(FromAir, TheClockWaitsForTheFingersBeforeTheGripperMoves) {
   for (int i = 0; i < 5000; ++i) clock.advance(*plan, events, 0.002, 1.0);
   EXPECT_EQ(clock.waiting_for(), WaitingFor::kOpen);
   EXPECT_EQ(clock.waiting_limb(), 0);
-  EXPECT_NEAR(clock.now().seconds(*plan), 0.5 * plan->dt_s, 1e-9);
+  EXPECT_NEAR(clock.now().seconds(*plan), 0.5 * plan->step_s[0], 1e-9);
   EXPECT_FALSE(clock.can_reverse(*plan));
 }
 

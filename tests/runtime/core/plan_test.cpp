@@ -11,6 +11,8 @@
 namespace crux_test {
 namespace {
 
+using crux_msgs::plan_t;
+
 constexpr double kDt_s = 0.002;
 
 /// Golden numbers carry twelve digits.
@@ -32,7 +34,7 @@ void expect_golden(const char* name, bool point_feet) {
   for (const nlohmann::json& sample : golden["samples"]) {
     const int k = sample["k"];
     const double u = sample["u"];
-    const PlanReference reference = play(*plan, {k, u * plan->dt_s});
+    const PlanReference reference = play(*plan, {k, u * plan->step_s[k]});
     const std::string at = "k " + std::to_string(k) + " u " + std::to_string(u) + " ";
     expect_equal(sample["body_position_w_m"], reference.body_W.position_m.data(), at + "body");
     const auto rpy = sample["body_rpy_rad"].get<std::vector<double>>();
@@ -54,13 +56,15 @@ void expect_golden(const char* name, bool point_feet) {
 
 TEST(ReferencePlayer, EqualsTheGoldenVectors) { expect_golden("interpolation.json", false); }
 
+TEST(ReferencePlayer, EqualsTheGoldenVectorsOfKnotsAtTimesOfTheirOwn) { expect_golden("own_times.json", false); }
+
 TEST(ReferencePlayer, EqualsTheGoldenVectorsOfPointFeet) { expect_golden("walking.json", true); }
 
 TEST(ReferencePlayer, PhasesFollowOneAnotherThroughASwing) {
   const std::unique_ptr<PreparedPlan> plan = tabulate(sample_plan());
   std::vector<LimbPhase> seen;
   for (int i = 0; i < 100 * plan->intervals(); ++i) {
-    const PlanReference reference = play(*plan, {i / 100, (i % 100) * plan->dt_s / 100});
+    const PlanReference reference = play(*plan, {i / 100, (i % 100) * plan->step_s[i / 100] / 100});
     if (seen.empty() || seen.back() != reference.limbs[0].phase) seen.push_back(reference.limbs[0].phase);
     EXPECT_EQ(reference.limbs[1].phase, LimbPhase::kStance);
   }
@@ -72,7 +76,7 @@ TEST(ReferencePlayer, PlayedInReverseASwingIsMirrored) {
   const std::unique_ptr<PreparedPlan> plan = tabulate(sample_plan());
   std::vector<LimbPhase> seen;
   for (int i = 100 * plan->intervals() - 1; i >= 0; --i) {
-    const PlanTime at{i / 100, (i % 100) * plan->dt_s / 100};
+    const PlanTime at{i / 100, (i % 100) * plan->step_s[i / 100] / 100};
     const LimbReference forward = play(*plan, at).limbs[0];
     const LimbReference reverse = play(*plan, {at.interval, at.elapsed_s, true}).limbs[0];
     if (seen.empty() || seen.back() != reverse.phase) seen.push_back(reverse.phase);
@@ -94,7 +98,7 @@ TEST(ReferencePlayer, PlayedInReverseASwingIsMirrored) {
 
 TEST(ReferencePlayer, PhasesChangeAtTheInstantsOfThePlansDefinition) {
   const std::unique_ptr<PreparedPlan> plan = tabulate(sample_plan());
-  const auto phase = [&](int k, double u) { return play(*plan, {k, u * plan->dt_s}).limbs[0].phase; };
+  const auto phase = [&](int k, double u) { return play(*plan, {k, u * plan->step_s[k]}).limbs[0].phase; };
   EXPECT_EQ(phase(2, 0.49), LimbPhase::kStance);
   EXPECT_EQ(phase(2, 0.51), LimbPhase::kUnload);
   EXPECT_EQ(phase(3, 0.49), LimbPhase::kOpen);
@@ -121,10 +125,19 @@ TEST(Pchip, SlopesEqualSciPys) {
       {1.0, {5, 4.9, 0, 3, 2.9}, {0, -0.196, 0, 0, -0.3}},
   };
   for (const Case& c : cases) {
-    const std::vector<double> slopes = pchip_slopes(c.values, c.dt_s);
+    const std::vector<double> slopes = pchip_slopes(c.values, std::vector<double>(c.values.size() - 1, c.dt_s));
     ASSERT_EQ(slopes.size(), c.slopes.size());
     for (std::size_t i = 0; i < slopes.size(); ++i) EXPECT_NEAR(slopes[i], c.slopes[i], 1e-12) << "knot " << i;
   }
+}
+
+TEST(Pchip, SlopesEqualSciPysBetweenUnevenKnots) {
+  const std::vector<double> values = {0.0, 0.1, 2.0, 2.1, 1.0, 1.5}, steps_s = {0.5, 2.0, 0.25, 1.0, 0.75};
+  const std::vector<double> scipys = {0.050000000000000044, 0.2923076923076923, 0.5091811414392062, 0.0, 0.0,
+                                      1.4238095238095239};
+  const std::vector<double> slopes = pchip_slopes(values, steps_s);
+  ASSERT_EQ(slopes.size(), scipys.size());
+  for (std::size_t i = 0; i < slopes.size(); ++i) EXPECT_NEAR(slopes[i], scipys[i], 1e-12) << "knot " << i;
 }
 
 TEST(ReferencePlayer, LaterCrossesKnotsAndStopsAtTheEnd) {
@@ -283,6 +296,44 @@ TEST_F(Clock, GoesBackToNoStanceThatItDidNotSeeGripped) {
   EXPECT_NEAR(arrival_s(Motion::kReverse), 0.0, 1e-9);
 }
 
+class UnevenClock : public Clock {
+ protected:
+  void SetUp() override {
+    plan_t plan = sample_plan();
+    plan.format = plan_t::FORMAT_OWN_TIMES;
+    const std::vector<double> times_s = {0.0, 0.5, 2.0, 3.0, 5.0, 5.5, 7.5, 8.0, 11.0};
+    ASSERT_EQ(plan.knots.size(), times_s.size());
+    for (std::size_t k = 0; k < times_s.size(); ++k) plan.knots[k].time_s = times_s[k];
+    plan_ = tabulate(plan);
+  }
+};
+
+TEST_F(UnevenClock, RunsAsTimeDoesOverEveryKnot) {
+  double before_s = 0.0;
+  while (!clock_.complete(*plan_)) {
+    clock_.advance(*plan_, all_seen(), kDt_s, 1.0);
+    ASSERT_NEAR(now_s() - before_s, std::min(kDt_s, 11.0 - before_s), 1e-9);
+    before_s = now_s();
+  }
+  EXPECT_EQ(now_s(), 11.0);
+}
+
+TEST_F(UnevenClock, StandsAtEventsAndStancesOfEachIntervalsOwnLength) {
+  expect_stop(&LimbEvents::unloaded, 3.0, WaitingFor::kUnload);
+  expect_stop(&LimbEvents::opened, 4.0, WaitingFor::kOpen);
+  expect_stop(&LimbEvents::arrived, 5.5 + 0.6 * 2.0, WaitingFor::kArrive);
+  expect_stop(&LimbEvents::gripped, 7.5, WaitingFor::kGrip);
+  EXPECT_NEAR(arrival_s(Motion::kStep), 7.5 + 0.42 * 0.5, 1e-9);
+  for (const double stop_s : {2.0, 0.5, 0.0}) EXPECT_NEAR(arrival_s(Motion::kReverse), stop_s, 1e-9);
+}
+
+TEST_F(UnevenClock, LooksAheadAndBackOverUnevenKnots) {
+  for (const double ahead_s : {0.3, 1.9, 4.0, 9.0}) {
+    EXPECT_NEAR(later(*plan_, {0, 0.2}, ahead_s).seconds(*plan_), 0.2 + ahead_s, 1e-9);
+    EXPECT_NEAR(later(*plan_, {7, 2.5, true}, ahead_s).seconds(*plan_), 10.5 - ahead_s, 1e-9);
+  }
+}
+
 /// In reverse, from behind LF's touch-down: with every event seen but one of LF, where the clock stops.
 class ReverseGates : public Clock {
  protected:
@@ -327,7 +378,6 @@ TEST_P(Refusals, NameWhatIsWrong) {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 using crux_msgs::limb_knot_t;
-using crux_msgs::plan_t;
 
 INSTANTIATE_TEST_SUITE_P(
     Plan, Refusals,
@@ -338,6 +388,18 @@ INSTANTIATE_TEST_SUITE_P(
         Defect{"one_knot", [](plan_t& p) { p.knots.resize(1); }, "1 knots"},
         Defect{"dt", [](plan_t& p) { p.dt_s = 0.0; }, "dt_s is 0"},
         Defect{"time", [](plan_t& p) { p.knots[4].time_s += 0.5; }, "knot 4: time_s"},
+        Defect{"time_of_its_own",
+               [](plan_t& p) {
+                 p.format = plan_t::FORMAT_OWN_TIMES;
+                 p.knots[4].time_s = p.knots[3].time_s;
+               },
+               "knot 4: time_s"},
+        Defect{"a_late_beginning",
+               [](plan_t& p) {
+                 p.format = plan_t::FORMAT_OWN_TIMES;
+                 p.knots[0].time_s = 0.1;
+               },
+               "knot 0: time_s is 0.1; the first knot stands at 0 s"},
         Defect{"nan_body", [](plan_t& p) { p.knots[2].body_rpy_rad[1] = kNan; }, "knot 2: the body pose"},
         Defect{"nan_force", [](plan_t& p) { p.knots[2].limbs[1].finger_force_w_n[3] = kNan; }, "knot 2, limb RF"},
         Defect{"infinite_gravity", [](plan_t& p) { p.gravity_w_m_s2[0] = 1.0 / 0.0; }, "gravity"},

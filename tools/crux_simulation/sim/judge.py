@@ -158,8 +158,8 @@ def _mishaps(
     begun = np.maximum.accumulate(truth.climbing != 0)
 
     # The clock may lead or lag; the body keeps to its path.
-    lead_s = LEAD_INTERVALS * reference.dt_s
-    near_s = [np.clip(plan_s + d, 0.0, reference.intervals * reference.dt_s) for d in np.linspace(-lead_s, lead_s, 25)]
+    lead_s = LEAD_INTERVALS * reference.step_s.max()
+    near_s = [np.clip(plan_s + d, 0.0, reference.end_s) for d in np.linspace(-lead_s, lead_s, 25)]
     off_path_m = [np.linalg.norm(truth.body_position_m - reference.body(at_s)[0], axis=1) for at_s in near_s]
     # Before the start a hand may carry the robot; one that never starts must be there at the end.
     counted = begun if begun.any() else np.arange(len(begun)) == len(begun) - 1

@@ -35,6 +35,10 @@ class ReferenceClock:
         self._elapsed_s = 0.0
         self._turned = False
 
+    def _end(self, interval: int) -> None:
+        """Stands at the end of an interval."""
+        self._interval, self._elapsed_s = interval, float(self._reference.step_s[interval])
+
     def _set_by_releases(self, back: bool, off: Bools) -> None:
         """The pull on a new grasp, for which the clock does not wait, makes it lead, and lag behind once it is turned
         round: what releases near by sets it."""
@@ -46,7 +50,7 @@ class ReferenceClock:
         else:
             for knot in range(self._interval + 2, min(self._interval + LEAD_INTERVALS + 1, last)):
                 if np.any(off[self._leaving[knot]]):
-                    self._interval, self._elapsed_s = knot - 1, self._reference.dt_s
+                    self._end(knot - 1)
 
     def _set_by_openings(self, back: bool, opened: Bools) -> None:
         """What opens again soon after it has taken hold, and is not due to leave, tries its grasp anew."""
@@ -57,17 +61,21 @@ class ReferenceClock:
                 return
             due = {limb for k in range(min(knot, here), max(knot, here + 1) + 1) for limb in leaving[k]}
             if any(opened[limb] and limb not in due for limb in arriving[knot]):
-                self._interval, self._elapsed_s = (knot, 0.0) if back else (knot - 1, self._reference.dt_s)
+                if back:
+                    self._interval, self._elapsed_s = knot, 0.0
+                else:
+                    self._end(knot - 1)
                 return
 
     def advance(self, dt_s: float, off: Bools, opened: Bools) -> None:
         """Moves on by `dt_s` (negative: back), or up to the next knot that is not due; `off` (4,): limbs that have left
         their holds; `opened` (4,): with fingers further apart than on them."""
-        length_s, back = self._reference.dt_s, dt_s < 0
+        back = dt_s < 0
         self._set_by_openings(back, opened)
         self._turned = self._turned or back
         if self._turned:
             self._set_by_releases(back, off)
+        length_s = self._reference.step_s[self._interval]
         if back:
             knot, leaving, arriving = self._interval, self._arriving, self._leaving
         else:
@@ -83,7 +91,7 @@ class ReferenceClock:
             return
         if np.all(off[leaving[knot]]) and not np.any(off[arriving[knot]]):
             self._interval += -1 if back else 1
-            self._elapsed_s += length_s if back else -length_s
+            self._elapsed_s += self._reference.step_s[self._interval] if back else -length_s
         else:
             self._elapsed_s = edge_s
 
@@ -100,9 +108,9 @@ class ReferenceClock:
                 self.advance(dt_s, *limbs)
             intervals[i], elapsed_s[i] = self._interval, self._elapsed_s
         stance = np.zeros(off.shape, dtype=bool)
-        share = elapsed_s / self._reference.dt_s
+        share = elapsed_s / self._reference.step_s[intervals]
         for k in np.unique(intervals).tolist():
             rows = np.flatnonzero(intervals == k)
             for limb in range(len(LIMB_NAMES)):
                 stance[rows, limb] = self._reference.load(limb, k, share[rows]) >= FULL
-        return intervals * self._reference.dt_s + elapsed_s, stance
+        return self._reference.time_s[intervals] + elapsed_s, stance

@@ -156,7 +156,7 @@ class Guide:
         return bool(state.time_s - self._still[1] >= settled_s)
 
     def _lead_on(self, situation: Situation) -> Attended:
-        no_further = situation.status.state.plan_time_s < situation.plan.dt_s and not situation.useless()
+        no_further = situation.interval == 0 and not situation.useless()
         if no_further and situation.reason == self._reason:
             return self._give_up("the last plan came no further than its beginning, for the same reason")
         self._reason = situation.reason
@@ -198,7 +198,7 @@ class Guide:
                 continue
             self.climbs_down = goal is not None
             self.planning_s = result.seconds
-            self.say(f"{where} in {result.steps * result.plan.dt_s:g} s, planned in {result.seconds:.1f} s")
+            self.say(f"{where} in {result.plan.knots[-1].time_s:g} s, planned in {result.seconds:.1f} s")
             return result
         return None
 

@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import FAULT_BY_CODE
+from crux_contracts.interpolation import knot_times_s
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import FACE_NAMES, Scenario, parse_scenario
 from crux_msgs import limb_knot_t, limb_reference_t, limb_telemetry_t, plan_t, status_t
@@ -37,7 +38,8 @@ class Situation:
     @property
     def interval(self) -> int:
         """Of the plan, in which its clock stands."""
-        return min(int(self.status.state.plan_time_s / self.plan.dt_s + 1e-9), self.plan.n_knots - 2)
+        knot = np.searchsorted(knot_times_s(self.plan), self.status.state.plan_time_s + 1e-9) - 1
+        return int(np.clip(knot, 0, self.plan.n_knots - 2))
 
     def grips(self, limb: int) -> bool:
         """A limb that has lost its hold is given nothing to bear."""

@@ -80,7 +80,7 @@ def _limb_lanes(axis: Axes) -> None:
 def gait(series: PlanSeries) -> bytes:
     """Limbs over plan time: stance with the hold's name, and air."""
     figure, (axis,) = rows_of(1, 2.4)
-    end = series.time_s[-1] + series.dt_s
+    end = 2 * series.time_s[-1] - series.time_s[-2]
     for limb in range(len(LIMB_NAMES)):
         for first, last in runs(series.hold[:, limb]):
             start = series.time_s[first]

@@ -118,6 +118,7 @@ def plan_sections(plan: Any) -> list[Section]:
     forces, moments = figures.planned_wrenches(series)
     other_robot = difference({"robot": plan.robot_name, "robot_sha256": plan.robot_sha256}, {})
     swings, walks = series.swings(), is_walk(plan)
+    every = f", every {series.dt_s:g} s" if plan.format != plan.FORMAT_OWN_TIMES else ""
     advance = series.body_position_m[-1] - series.body_position_m[0]
     table = [
         ("scenario", plan.scenario_name),
@@ -125,7 +126,7 @@ def plan_sections(plan: Any) -> list[Section]:
         ("plan", plan.plan_id),
         ("method", plan.method),
         ("cost J", f"{plan.cost:.6g}{'' if walks else f'; its force terms are {PLANNED}'}"),
-        ("knots", f"{len(series.time_s)}, every {series.dt_s:g} s, {series.time_s[-1]:g} s in all"),
+        ("knots", f"{len(series.time_s)}{every}, {series.time_s[-1]:g} s in all"),
         ("body moves", f"{1e3 * np.linalg.norm(advance):.0f} mm"),
         ("swings", ", ".join(map(_title, swings)) or "none"),
         (_smallest(walks, PLANNED), f"{smallest:.2f} N"),
