@@ -1,0 +1,185 @@
+"""`crux wall import`: solids of known shape, scanned in any frame, become the holds they are, and others say why."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from climbs import climb_here
+from crux_contracts.scenario import load_scenario
+from crux_tools.cli import main
+from crux_tools.paths import SCENARIOS
+
+TURN = trimesh.transformations.euler_matrix(0.4, -1.1, 0.7)  # of the wall in its scan
+UP, OUT = TURN[:3, 0], TURN[:3, 2]
+
+
+def standing(x: float, y: float, solid: trimesh.Trimesh, yaw_deg: float = 0.0) -> trimesh.Trimesh:
+    """A solid, its foot sunk a little into the wall."""
+    turn = trimesh.transformations.rotation_matrix(np.radians(yaw_deg), [0, 0, 1])
+    turn[:3, 3] = [x, y, -0.005 - solid.bounds[0, 2]]
+    return solid.copy().apply_transform(turn)
+
+
+def box(*size_m: float) -> trimesh.Trimesh:
+    return trimesh.creation.box((*size_m[:2], size_m[2] + 0.005))
+
+
+def leaning(foot_m: float, height_m: float, degrees: float) -> trimesh.Trimesh:
+    """A frustum on a square foot, its sides so far from upright."""
+    top = foot_m / 2.0 - height_m * np.tan(np.radians(degrees))
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    return trimesh.convex.convex_hull(
+        np.vstack(
+            [np.column_stack([half * corners, np.full(4, z)]) for half, z in ((foot_m / 2.0, 0.0), (top, height_m))]
+        )
+    )
+
+
+BODIES = {  # by name: the solid, and what is said of it at 15 and at 32 degrees of leaning; "" is a hold
+    "cube": (standing(-0.3, 0.2, box(0.06, 0.06, 0.06), 20.0), "", ""),
+    "ledge": (standing(-0.3, -0.1, box(0.12, 0.03, 0.06), -35.0), "", ""),
+    "thin": (standing(-0.05, 0.25, box(0.012, 0.012, 0.06)), "narrower", "narrower"),
+    "wide": (standing(0.0, -0.15, box(0.15, 0.15, 0.06)), "wider", "wider"),
+    "low": (standing(0.25, 0.25, box(0.06, 0.06, 0.022)), "too low", "too low"),
+    "leaning": (standing(0.25, -0.05, leaning(0.09, 0.05, 28.0)), "lean", ""),
+    "beside": (standing(0.1, 0.12, box(0.05, 0.05, 0.06)), "beside", "beside"),
+    "neighbours": (
+        trimesh.util.concatenate(
+            [
+                standing(0.1 + a, 0.12 + b, box(0.03, 0.03, 0.06))
+                for a, b in ((0.054, 0), (-0.054, 0), (0, 0.054), (0, -0.054))
+            ]
+        ),
+        "",
+        "",
+    ),
+}
+PLACES = {name: body[0].bounds.mean(axis=0)[:2] for name, body in BODIES.items() if name != "neighbours"}
+
+
+def scan(folder: Path, bodies: list[trimesh.Trimesh], size_m: tuple[float, float], name: str = "scan.ply") -> Path:
+    slab = trimesh.creation.box((*size_m, 0.1), trimesh.transformations.translation_matrix([0, 0, -0.05]))
+    mesh = trimesh.util.concatenate([slab, *bodies])
+    mesh.apply_transform(TURN)
+    mesh.export(folder / name)
+    return folder / name
+
+
+def wall_import(capsys: pytest.CaptureFixture[str], *words: str, status: int = 0) -> dict[str, Any]:
+    capsys.readouterr()
+    assert main(["wall", "import", *words, "--json"]) == status
+    said: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return said
+
+
+def vector(values: np.ndarray) -> list[str]:
+    return [f"{value:.9f}" for value in values]
+
+
+@pytest.mark.parametrize(("tilt_deg", "which"), [(15, 1), pytest.param(32, 2, marks=pytest.mark.sweep)])
+def test_each_body_is_what_it_is(tilt_deg: int, which: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wall, path = tmp_path / "wall.yaml", scan(tmp_path, [body[0] for body in BODIES.values()], (0.9, 0.7))
+    down = -(np.sin(np.radians(50.0)) * UP + np.cos(np.radians(50.0)) * OUT)
+    frame = ["--outward", *vector(OUT), "--down", *vector(down)]
+    said = wall_import(capsys, str(path), "-o", str(wall), *frame, "--tilt", str(tilt_deg), status=1)
+    assert said["slope_deg"] == pytest.approx(50.0, abs=0.01)
+    assert np.array(said["rotation"]) == pytest.approx(TURN[:3, :3].T, abs=1e-3)
+    found = said["bodies"]
+    for name, place in PLACES.items():
+        body = min(found, key=lambda each: float(np.linalg.norm(np.subtract(each["position_m"], place))))
+        assert np.linalg.norm(np.subtract(body["position_m"], place)) < 0.004
+        reason = BODIES[name][which]
+        assert isinstance(reason, str)
+        assert body["hold"] is (not reason), (name, body)
+        assert reason in (body["reason"] or ""), (name, body)
+    named = {each["name"]: each for each in yaml.safe_load(wall.read_text(encoding="utf-8"))["holds"]}
+    cube = min(named.values(), key=lambda each: float(np.linalg.norm(np.subtract(each["position_m"], PLACES["cube"]))))
+    assert cube["size_m"] == pytest.approx([0.06, 0.06, 0.06], abs=1e-3)
+    assert (cube["yaw_deg"] - 20.0 + 1.0) % 90.0 == pytest.approx(1.0, abs=0.3)
+    assert cube["friction"] == {"+x": 2.2, "-x": 2.2, "+y": 2.2, "-y": 2.2, "top": 0.0}
+    if tilt_deg > 28:
+        at = PLACES["leaning"]
+        frustum = min(named.values(), key=lambda each: float(np.linalg.norm(np.subtract(each["position_m"], at))))
+        left = float(np.tan(np.arctan(2.2) - np.radians(28.0)))
+        assert frustum["friction"]["+x"] == pytest.approx(left, abs=0.03)
+
+
+def of_scene(folder: Path, name: str) -> tuple[Path, dict[str, Any]]:
+    scene = yaml.safe_load((SCENARIOS / f"{name}.yaml").read_text(encoding="utf-8"))
+    solids = [standing(hold["position_m"][0], hold["position_m"][1], box(*hold["size_m"])) for hold in scene["holds"]]
+    return scan(folder, solids, (0.9, 1.0), "scan.stl"), scene
+
+
+@pytest.mark.sweep
+def test_a_scanned_wall_is_planned_and_climbed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, scene = of_scene(tmp_path, "climb-four-holds")
+    wall, plan, picture = tmp_path / "wall.yaml", tmp_path / "plan.mcap", tmp_path / "wall.png"
+    down = -(np.sin(np.radians(45.0)) * UP + np.cos(np.radians(45.0)) * OUT)
+    frame = ["--outward", *vector(OUT), "--down", *vector(down), "--picture", str(picture)]
+    said = wall_import(capsys, str(path), "-o", str(wall), *frame)
+    assert all(body["hold"] for body in said["bodies"])
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    read = load_scenario(wall)
+    given = np.array([hold["position_m"] for hold in scene["holds"]])
+    for hold in read.holds:
+        assert np.linalg.norm(given - hold.position_m, axis=1).min() < 0.002
+        assert hold.size_m == pytest.approx((0.06, 0.06, 0.06), abs=1e-3)
+    assert {limb: grasp.hold for limb, grasp in read.start.grasps.items()} != {
+        limb: grasp.hold for limb, grasp in read.goal.grasps.items()
+    }
+    assert main(["plan", str(wall), "-o", str(plan)]) == 0
+    status, climbed = climb_here(plan, tmp_path / "log.mcap")
+    assert (status, climbed["slips"], climbed["fell"]) == (0, 0, False)
+
+
+def height_map(folder: Path, **arrays: np.ndarray) -> Path:
+    np.savez(folder / "map.npz", **arrays)  # type: ignore[arg-type]
+    return folder / "map.npz"
+
+
+def test_a_height_map_may_say_its_unit_and_its_places(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    x, y = np.arange(-0.15, 0.15, 0.0025), np.arange(-0.15, 0.15, 0.0025)
+    heights = 500.0 * ((abs(x[None]) < 0.03) & (abs(y[:, None]) < 0.03))
+    heights[0, :5] = np.iinfo(np.int16).min  # unseen
+    path = height_map(tmp_path, z_tenth_mm=heights.astype(np.int16), x_m=x, y_m=y)
+    (body,) = wall_import(capsys, str(path), "-o", str(tmp_path / "wall.yaml"), status=1)["bodies"]
+    assert body["hold"]
+    assert sorted(body["size_m"]) == pytest.approx([0.05, 0.06, 0.06], abs=0.006)
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "said"),
+    [
+        ("none.ply", [], "no such file"),
+        ("wall.step", [], ".step: expected one of .stl"),
+        ("bad.ply", [], "cannot be read as a mesh"),
+        ("cloud.ply", [], "has no triangles"),
+        ("large.stl", [], "is 900 m across, expected 0.2 to 40 m; looks like millimetres: --scale 0.001?"),
+        ("map.npy", [], "give --pitch"),
+        ("three.npy", ["--pitch", "0.01"], "shape (2, 2, 2)"),
+        ("large.stl", ["--scale", "0.001", "--outward", "0", "0", "0"], "points nowhere"),
+        ("large.stl", ["--tilt", "90"], "expected 0 to 60 degrees"),
+    ],
+)
+def test_what_cannot_be_read_says_what_would_be_right(
+    name: str, words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "wall.step").write_bytes(b"ISO-10303-21;")
+    (tmp_path / "bad.ply").write_bytes(b"ply\nformat ascii 9\n")
+    trimesh.PointCloud(np.eye(3)).export(tmp_path / "cloud.ply")
+    trimesh.creation.box((900.0, 800.0, 10.0)).export(tmp_path / "large.stl")
+    np.save(tmp_path / "map.npy", np.zeros((4, 5)))
+    np.save(tmp_path / "three.npy", np.zeros((2, 2, 2)))
+    try:
+        status = main(["wall", "import", str(tmp_path / name), "-o", str(tmp_path / "wall.yaml"), *words])
+    except SystemExit as usage:
+        status = int(usage.code or 0)
+    assert status == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "wall.yaml").exists()

@@ -1,0 +1,156 @@
+"""Bodies on a wall as cuboids: holds where places on them allow it, else obstacles that nothing may touch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from crux_contracts.robot import Robot
+from crux_contracts.scenario_checks import Footprint, overlap_m
+from crux_contracts.yaml_document import Node
+
+from crux_simulation.wall.places import REASONS, TAKEN, Indices, Places
+from crux_simulation.wall.surface import Array, Surface
+
+SAME_YAW_RAD, SAME_WIDTH_M, SAME_LINE_M = np.radians(8.0), 0.004, 0.003
+PAD_HEIGHT_M = 0.001  # of the pads in a plan from where the body was looked at
+APART_M = 1e-3  # between cuboids, more than rounding moves them
+COVERED_M, LEAST_M, LEAST_POINTS = 0.003, 0.012, 4  # what is left out of obstacles: beside others, and specks
+BEYOND_M = 0.008  # what reaches so far out of a hold's cuboid, at the pads' height or over it, is an obstacle
+CUBOID = "its grips are of no cuboid: the pads' height in a plan is not where they are"
+
+
+@dataclass(frozen=True)
+class Box:
+    """A cuboid on the wall: middle of its foot (2,), sizes (3,) [m], yaw. `faces` says which pairs can be gripped, and
+    `tilt_rad` how much the worse face of each leans.
+    """
+
+    name: str
+    position_m: Array
+    size_m: Array
+    yaw_rad: float
+    faces: tuple[bool, bool]
+    tilt_rad: tuple[float, float]
+    reason: str  # why it cannot be gripped
+
+    @property
+    def is_hold(self) -> bool:
+        return any(self.faces)
+
+
+def boxes(surface: Surface, of: Indices, places: Places, reason: Indices, robot: Robot) -> list[Box]:
+    """All bodies as cuboids that stand apart, holds first, the best ones before others; `of`, `places` and `reason` are
+    those of `bodies` and `find_places`.
+    """
+    found: list[Box] = []
+    why = [CUBOID if stage == TAKEN else REASONS[stage] for stage in reason]
+    merit = np.zeros(len(reason))
+    np.maximum.at(merit, places.body, places.merit)
+    for body in np.flatnonzero(merit > 0.0)[np.argsort(-merit[merit > 0.0], kind="stable")]:
+        hold = _hold(f"hold-{body + 1}", surface.samples.points[of == body], places.of(places.body == body), robot)
+        if hold is None:
+            continue
+        other = next((each.name for each in found if _overlap(hold, each)), None)
+        if other is None:
+            found.append(hold)
+        else:
+            why[body] = "its cuboid would stand in that of another hold"
+    holds = {hold.name: hold for hold in found}
+    for body in range(len(reason)):
+        points, name = surface.samples.points[of == body], f"hold-{body + 1}"
+        if name in holds:
+            outside = points[_beyond(holds[name], points, robot)]
+            _cover(found, f"beside-{name}", outside, f"a part of {name} that its cuboid leaves out")
+        else:
+            _cover(found, f"body-{body + 1}", points, why[body])
+    return found
+
+
+def _cover(found: list[Box], name: str, points: Array, reason: str) -> None:
+    """Adds obstacles over points, apart from what was found before: what that covers is left out, the rest halved."""
+    waiting, pieces = [points], 0
+    while waiting:
+        rest = waiting.pop()
+        rest = rest[~np.any([_covers(box, rest) for box in found], axis=0)] if found else rest
+        if len(rest) < LEAST_POINTS:
+            continue
+        box = _obstacle(name if pieces == 0 else f"{name}-{pieces + 1}", rest, reason)
+        if not any(_overlap(box, each) for each in found):
+            found.append(box)
+            pieces += 1
+            continue
+        c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
+        long = np.array([c, s]) if box.size_m[0] >= box.size_m[1] else np.array([-s, c])
+        along = rest[:, :2] @ long
+        if np.ptp(along) > LEAST_M:
+            middle = (along.min() + along.max()) / 2.0
+            waiting += [rest[along < middle], rest[along >= middle]]
+
+
+def _covers(box: Box, points: Array) -> Array:
+    x, y = _along(box.yaw_rad, points[:, :2] - box.position_m)
+    return np.asarray((np.abs(x) <= box.size_m[0] / 2.0 + COVERED_M) & (np.abs(y) <= box.size_m[1] / 2.0 + COVERED_M))
+
+
+def _overlap(a: Box, b: Box) -> bool:
+    one, other = (
+        Footprint(
+            box.name, Node("", box.name, 0), float(x), float(y), box.size_m[0] / 2.0, box.size_m[1] / 2.0, box.yaw_rad
+        )
+        for box, (x, y) in ((a, a.position_m), (b, b.position_m))
+    )
+    return overlap_m(one, other) > -APART_M
+
+
+def _hold(name: str, points: Array, places: Places, robot: Robot) -> Box | None:
+    """The cuboid about the best place, and the places in line with it; None where no cuboid puts the pads there."""
+    best = int(places.merit.argmax())
+    yaw, radius = float(places.yaw_rad[best]), robot.gripper.pad_radius_m
+    x, y = _along(yaw, places.middle[:, :2] - places.middle[best, :2])
+    turned = np.abs((places.yaw_rad - yaw + np.pi / 2.0) % np.pi - np.pi / 2.0)
+    same = turned < SAME_YAW_RAD
+    same &= (np.abs(places.width_m - places.width_m[best]) < SAME_WIDTH_M) & (np.abs(x) < SAME_LINE_M)
+    low, high = places.middle[same, 2].min(), places.middle[same, 2].max()
+    allowed = robot.grasp.pad_height_m
+    pads = float(np.clip(sum(allowed) / 2.0, low, high))
+    top = float(points[:, 2].max())
+    height = max(top, pads + radius) if pads >= sum(allowed) / 2.0 - PAD_HEIGHT_M else pads + radius
+    planned = max(min(sum(allowed) / 2.0, height - radius), allowed[0], height - robot.gripper.finger_height_m)
+    if not low - PAD_HEIGHT_M <= planned <= min(high + PAD_HEIGHT_M, allowed[1]):
+        return None
+    width, tilt, across = float(places.width_m[best]), float(places.tilt_rad[best].max()), 0.0
+    beside, body = _along(yaw, points[:, :2] - places.middle[best, :2])
+    body = body[np.abs(beside) < width / 2.0 + SAME_WIDTH_M]
+    ends = max(float(y[same].min()) - radius, body.min()), min(float(y[same].max()) + radius, body.max())
+    crossed = np.flatnonzero((turned > np.pi / 2.0 - SAME_YAW_RAD) & (np.abs(y - sum(ends) / 2.0) < radius))
+    if len(crossed):
+        second = crossed[places.merit[crossed].argmax()]
+        length, across = float(places.width_m[second]), float(places.tilt_rad[second].max())
+        ends = y[second] - length / 2.0, y[second] + length / 2.0
+    centre = places.middle[best, :2] + sum(ends) / 2.0 * np.array([-np.sin(yaw), np.cos(yaw)])
+    size = np.array([width, ends[1] - ends[0], height])
+    return Box(name, centre, size, yaw, (True, len(crossed) > 0), (tilt, across), "")
+
+
+def _beyond(hold: Box, points: Array, robot: Robot) -> Array:
+    """Which points stand out of a hold's cuboid, no lower than the pads reach."""
+    x, y = _along(hold.yaw_rad, points[:, :2] - hold.position_m)
+    out = (np.abs(x) > hold.size_m[0] / 2.0 + BEYOND_M) | (np.abs(y) > hold.size_m[1] / 2.0 + BEYOND_M)
+    pads = min(sum(robot.grasp.pad_height_m) / 2.0, hold.size_m[2] - robot.gripper.pad_radius_m)
+    return np.asarray(out & (points[:, 2] > pads - robot.gripper.pad_radius_m))
+
+
+def _obstacle(name: str, points: Array, reason: str) -> Box:
+    """The smallest upright cuboid about points."""
+    to_box, size = trimesh.bounds.oriented_bounds_2D(points[:, :2])
+    turn = np.linalg.inv(to_box)
+    height = max(float(points[:, 2].max()), 0.005)
+    sizes = np.array([*np.maximum(size, 0.005), height])
+    return Box(name, turn[:2, 2], sizes, float(np.arctan2(turn[1, 0], turn[0, 0])), (False, False), (0.0, 0.0), reason)
+
+
+def _along(yaw: float, points: Array) -> tuple[Array, Array]:
+    """Coordinates along a cuboid's own axes."""
+    return points @ [np.cos(yaw), np.sin(yaw)], points @ [-np.sin(yaw), np.cos(yaw)]

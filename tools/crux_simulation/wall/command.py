@@ -1,0 +1,160 @@
+"""`crux wall import`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+from crux_tools.arguments import positive, taught
+from crux_tools.output import add_json_option
+
+
+def add_import(actions: Any) -> None:
+    """Adds `import` to the actions of `crux wall`."""
+    parser = actions.add_parser(
+        "import",
+        help="make a scenario of a scanned wall",
+        **taught(
+            "Makes a scenario of a mesh (STL, OBJ, PLY, glTF, OFF) or a height map (npy, npz, PNG, TIFF; rows are y, "
+            "columns x). The plane that most of it lies in becomes the wall. Every body that stands on it becomes a "
+            "hold where the robot's gripper can take it upright: two patches that are opposite, flat, and within its "
+            "opening, with space for fingers and palm. All others become obstacles, with the reason. Holds are cuboids, "
+            "in the plan as in the simulation; faces that lean have less friction. Start and goal are the lowest and "
+            "the highest place at which a level body has four holds in reach. Exit status: 0 the scenario is complete, "
+            "1 it is written, but there is no such place, 2 the scan or the usage is wrong.",
+            "crux wall import scan.ply -o wall.yaml --down 0 0 -1 --picture wall.png",
+            "crux wall import heights.npz -o wall.yaml --slope 90 --tilt 35",
+        ),
+    )
+    parser.add_argument("scan", type=Path, metavar="SCAN", help="a mesh or a height map")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="WALL.yaml", help="the new scenario")
+    parser.add_argument("--robot", default="scaler", metavar="R", help="name or folder of the robot (scaler)")
+    parser.add_argument("--scale", type=positive, default=1.0, metavar="M", help="metres of the scan's unit (1)")
+    parser.add_argument("--pitch", type=positive, metavar="M", help="between the columns of a height map [m]")
+    vector = {"nargs": 3, "type": _number, "metavar": ("X", "Y", "Z")}
+    parser.add_argument(
+        "--outward", default=(0.0, 0.0, 1.0), help="about the way off the wall, in the scan's frame (0 0 1)", **vector
+    )
+    slope = parser.add_mutually_exclusive_group()
+    slope.add_argument("--down", help="the way of gravity in the scan's frame; gives slope and the way up", **vector)
+    slope.add_argument(
+        "--slope",
+        type=_slope,
+        default=90.0,
+        metavar="DEG",
+        help="without --down: x of the scan goes up a wall of this slope (90)",
+    )
+    parser.add_argument("--friction", type=positive, default=2.2, metavar="MU", help="of all faces (2.2: sandpaper)")
+    parser.add_argument("--tilt", type=_tilt, default=15.0, metavar="DEG", help="the most that a face may lean (15)")
+    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="a picture of the holds and the reasons")
+    add_json_option(parser)
+    parser.set_defaults(action=_import)
+
+
+def _import(options: argparse.Namespace) -> int:
+    from crux_contracts.output_file import look_at_outputs, write_whole
+    from crux_tools.errors import UsageError
+    from crux_tools.output import note, print_json
+
+    from crux_simulation.wall.imported import Options, imported
+    from crux_simulation.wall.places import Limits
+
+    look_at_outputs({"-o": options.output, "--picture": options.picture}, (options.scan,))
+    for name in ("outward", "down"):
+        vector = getattr(options, name)
+        if vector is not None and not any(vector):
+            raise UsageError(f"--{name}: 0 0 0 points nowhere")
+    chosen = Options(
+        robot=options.robot,
+        scale=options.scale,
+        pitch_m=options.pitch,
+        outward=tuple(options.outward),
+        down=None if options.down is None else tuple(options.down),
+        slope_deg=options.slope,
+        friction=options.friction,
+        limits=Limits(tilt_deg=options.tilt),
+    )
+    found = imported(options.scan, options.output, chosen)
+    if options.picture is not None:
+        from crux_simulation.wall.picture import picture
+
+        write_whole(options.picture, picture(found))
+    bodies = sum(found.reasons.values()) + len(found.holds)
+    slope = f"slope {found.wall.slope_deg:.1f}°"
+    note(f"{options.output}: {len(found.holds)} of {bodies} bodies on the wall are holds, {slope}")
+    for reason, count in found.reasons.items():
+        note(f"  {count} not: {reason}")
+    for box in found.holds:
+        if max(box.tilt_rad) > math.radians(5.0):
+            note(f"  {box.name}: faces lean by up to {math.degrees(max(box.tilt_rad)):.0f}°")
+    done = found.stances is not None
+    if done:
+        note(f"next: crux plan {options.output} -o plan.mcap")
+    else:
+        note("no level body has four holds in reach: start and goal are left out")
+    if options.json:
+        print_json({"ok": done, "scenario": str(options.output), **_described(found)})
+    return 0 if done else 1
+
+
+def _described(found: Any) -> dict[str, Any]:
+    return {
+        "slope_deg": found.wall.slope_deg,
+        "rotation": found.wall.rotation.tolist(),
+        "offset_m": found.wall.offset.tolist(),
+        "bodies": [
+            {
+                "name": box.name,
+                "hold": box.is_hold,
+                "reason": box.reason or None,
+                "position_m": box.position_m.tolist(),
+                "size_m": box.size_m.tolist(),
+                "yaw_deg": math.degrees(box.yaw_rad),
+                "tilt_deg": [math.degrees(tilt) for tilt in box.tilt_rad],
+            }
+            for box in found.boxes
+        ],
+    }
+
+
+def _number(text: str) -> float:
+    return _within(text, -math.inf, math.inf, "a finite number")
+
+
+def _slope(text: str) -> float:
+    return _within(text, 0.0, 180.0, "0 to 180 degrees")
+
+
+def _tilt(text: str) -> float:
+    return _within(text, 0.0, 60.0, "0 to 60 degrees")
+
+
+def _within(text: str, low: float, high: float, expected: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and low <= value <= high):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected {expected}")
+    return value
+
+
+def add_parser(subparsers: Any) -> None:
+    """Adds `crux wall` with its actions."""
+    parser = subparsers.add_parser(
+        "wall",
+        help="make a wall of a scan",
+        **taught(
+            "Walls: import makes a scenario of a mesh or a height map.",
+            "crux wall import scan.ply -o wall.yaml --down 0 0 -1",
+        ),
+    )
+    actions = parser.add_subparsers(dest="wall_action", metavar="ACTION", required=True)
+    add_import(actions)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Does the chosen action; returns the exit status."""
+    return int(options.action(options))

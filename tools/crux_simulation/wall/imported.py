@@ -1,0 +1,188 @@
+"""`crux wall import`: a scan becomes a scenario of cuboids, and every body that is no hold says why."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import crux_planner
+import numpy as np
+import yaml
+from crux_contracts.output_file import write_whole
+from crux_contracts.robot import Robot, load_robot
+from crux_contracts.scenario import ScenarioError
+from crux_contracts.scenario_types import MAX_CUBOIDS
+from crux_tools.errors import UsageError
+from crux_tools.output import progress
+
+from crux_simulation.wall.boxes import Box, boxes
+from crux_simulation.wall.frame import Placed, placed
+from crux_simulation.wall.places import Limits, bodies, find_places
+from crux_simulation.wall.read import read_surface
+from crux_simulation.wall.stances import Stance, ends, stances
+from crux_simulation.wall.surface import Array
+
+DIGITS = 4
+SLIPPERY = "its faces lean so much that friction holds nothing"
+LOOK_S = 0.01  # of the planner at a start: long enough to refuse it
+HORIZON = {"steps": 200, "dt_s": 2.0}
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a scan is read, and what its surface is taken to be."""
+
+    robot: str = "scaler"
+    scale: float = 1.0
+    pitch_m: float | None = None
+    outward: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    down: tuple[float, float, float] | None = None
+    slope_deg: float = 90.0
+    friction: float = 2.2
+    limits: Limits = field(default_factory=Limits)
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What came of a scan."""
+
+    boxes: list[Box]
+    stances: tuple[Stance, Stance] | None
+    wall: Placed
+    text: str
+
+    @property
+    def holds(self) -> list[Box]:
+        return [box for box in self.boxes if box.is_hold]
+
+    @property
+    def reasons(self) -> dict[str, int]:
+        """How many bodies are no holds, by the reason."""
+        names = {box.name.split("-")[1]: box.reason for box in self.boxes if box.name.startswith("body-")}
+        return dict(Counter(names.values()))
+
+
+def imported(scan: Path, output: Path, options: Options) -> Imported:
+    """Writes the scenario. Raises UsageError where the scan, or what is asked of it, cannot be."""
+    robot = load_robot(options.robot)
+    with progress(f"reading {scan.name}", 5) as bar:
+        surface = read_surface(scan, options.scale, options.pitch_m)
+        bar.at(1)
+        down = None if options.down is None else np.array(options.down)
+        wall = placed(surface, np.array(options.outward), down, options.slope_deg)
+        of = bodies(wall.surface)
+        bar.at(2)
+        places, reason = find_places(wall.surface, of, robot, options.limits)
+        bar.at(3)
+        found = _with_friction(boxes(wall.surface, of, places, reason, robot), options.friction)
+        if len(found) > MAX_CUBOIDS:
+            hint = "cut the scan, or give the plane that the robot climbs by --outward"
+            raise UsageError(f"{scan}: {len(found)} bodies stand on the wall, expected at most {MAX_CUBOIDS}; {hint}")
+        bar.at(4)
+        document = _document(scan, robot, found, wall, options)
+        on_holds = stances([box for box in found if box.is_hold], robot)
+        chosen = ends(on_holds, lambda stance: _can_start(document, stance, robot))
+    if chosen is not None:
+        document |= _ends(*chosen)
+    text = _said(scan, robot, chosen, wall, options) + yaml.safe_dump(
+        document, sort_keys=False, allow_unicode=True, default_flow_style=None, width=140
+    )
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(output, text.encode())
+    return Imported(found, chosen, wall, text)
+
+
+def tilted(friction: float, tilt_rad: float) -> float:
+    """What friction is left along a gripper's axis on faces that lean so much: the cone of a leaning face, less."""
+    return float(np.tan(max(np.arctan(friction) - tilt_rad, 0.0)))
+
+
+def _with_friction(found: list[Box], friction: float) -> list[Box]:
+    """Pairs of faces that lean beyond friction are none."""
+    kept = []
+    for box in found:
+        pairs = zip(box.faces, box.tilt_rad, strict=True)
+        first, second = (can and tilted(friction, tilt) > 0.0 for can, tilt in pairs)
+        lost = box.is_hold and not (first or second)
+        kept.append(Box(box.name, box.position_m, box.size_m, box.yaw_rad, (first, second), box.tilt_rad,
+                        SLIPPERY if lost else box.reason))  # fmt: skip
+    return kept
+
+
+def _document(scan: Path, robot: Robot, found: list[Box], wall: Placed, options: Options) -> dict[str, Any]:
+    """The scenario but for start and goal."""
+    contact = {
+        "model": "patch",
+        "patch_radius_m": robot.gripper.pad_radius_m,
+        "max_normal_N": robot.gripper.max_finger_force_N,
+        "spine_shear_N": 5,
+        "spine_twist_Nm": 0.05,
+    }
+    return {
+        "version": 1,
+        "name": scan.stem,
+        "robot": options.robot,
+        "wall": {"slope_deg": round(wall.slope_deg, 1)},
+        "contact": contact,
+        "holds": [_hold(box, options.friction) for box in found if box.is_hold],
+        "obstacles": [_cuboid(box) for box in found if not box.is_hold],
+        "horizon": HORIZON,
+    }
+
+
+def _ends(start: Stance, goal: Stance) -> dict[str, Any]:
+    return {"start": _end(start), "goal": _end(goal)}
+
+
+def _end(stance: Stance) -> dict[str, Any]:
+    grasps = {limb: {"hold": hold, "faces": faces} for limb, (hold, faces) in stance.grasps.items()}
+    return {"body": {"position_m": [round(each, DIGITS) for each in stance.body_m]}, "grasps": grasps}
+
+
+def _can_start(document: dict[str, Any], stance: Stance, robot: Robot) -> bool:
+    """Whether the planner takes a stance for a start."""
+    try:
+        crux_planner.plan(document | _ends(stance, stance), robot, time_limit_s=LOOK_S)
+    except crux_planner.InfeasibleError as error:
+        return not error.proven
+    except ScenarioError:
+        return False
+    return True
+
+
+def _said(scan: Path, robot: Robot, chosen: tuple[Stance, Stance] | None, wall: Placed, options: Options) -> str:
+    """The first lines of the file: where it comes from, and what was taken for it."""
+    said = [
+        f"# From {scan.name} by `crux wall import`. Cuboids stand for the holds that {robot.name}'s grippers can take;",
+        "# `crux climb` simulates these cuboids. Not in the scan, so assumed [A]: friction, spines"
+        + ("." if options.down is not None else ", the slope."),
+        f"# W: rows of the rotation from the scan's frame {np.round(wall.rotation, DIGITS).tolist()},",
+        f"# then the offset {np.round(wall.offset, DIGITS).tolist()} m.",
+    ]
+    if chosen is None:
+        said.append("# No stance was found on four of the holds: give start and goal.")
+    return "\n".join(said) + "\n"
+
+
+def _cuboid(box: Box) -> dict[str, Any]:
+    return {
+        "name": box.name,
+        "position_m": _rounded(box.position_m),
+        "size_m": _rounded(box.size_m),
+        "yaw_deg": round(float(np.degrees(box.yaw_rad)), 2),
+    }
+
+
+def _hold(box: Box, friction: float) -> dict[str, Any]:
+    """A face that no gripper can take has neither friction nor spines."""
+    by_face: dict[str, float] = {}
+    for axis, can, tilt in zip("xy", box.faces, box.tilt_rad, strict=True):
+        by_face |= dict.fromkeys((f"+{axis}", f"-{axis}"), round(tilted(friction, tilt), 3) if can else 0.0)
+    spines = {face: by_face[face] > 0.0 for face in by_face} | {"top": False}
+    return {**_cuboid(box), "friction": by_face | {"top": 0.0}, "spines": spines}
+
+
+def _rounded(values: Array) -> list[float]:
+    return [round(float(each), DIGITS) for each in values]

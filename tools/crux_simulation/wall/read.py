@@ -1,0 +1,112 @@
+"""A scan read from its file, in metres: meshes by trimesh, height maps as grids of triangles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from crux_tools.errors import UsageError
+from numpy.typing import NDArray
+
+from crux_simulation.wall.surface import Array, Surface
+
+MESHES = (".stl", ".obj", ".ply", ".glb", ".gltf", ".off")
+MAPS = (".npy", ".npz", ".png", ".tif", ".tiff")
+MAX_TRIANGLES = 4_000_000
+SIZE_M = (0.2, 40.0)  # of a wall; outside of it a scale is wrong
+
+
+def read_surface(path: Path, scale: float, pitch_m: float | None) -> Surface:
+    """Metres are `scale` times the file's unit; `pitch_m` is that of a height map which does not say its own."""
+    if not path.is_file():
+        raise UsageError(f"{path}: no such file")
+    suffix = path.suffix.lower()
+    if suffix in MESHES:
+        surface = _mesh(path, scale)
+    elif suffix in MAPS:
+        surface = _height_map(path, scale, pitch_m)
+    else:
+        kinds = ", ".join((*MESHES, *MAPS))
+        raise UsageError(f"{path}: {suffix or 'no ending'}: expected one of {kinds}")
+    if not np.isfinite(surface.vertices).all():
+        raise UsageError(f"{path}: has vertices that are not finite numbers")
+    if not 0 < len(surface.faces) <= MAX_TRIANGLES:
+        raise UsageError(
+            f"{path}: {len(surface.faces):,} triangles: expected 1 to {MAX_TRIANGLES:,}; simplify it first"
+        )
+    size = float(np.ptp(surface.vertices, axis=0).max())
+    if not SIZE_M[0] <= size <= SIZE_M[1]:
+        hint = "looks like millimetres: --scale 0.001?" if 200.0 <= size <= 40000.0 else "give --scale"
+        raise UsageError(f"{path}: is {size:.3g} m across, expected {SIZE_M[0]:g} to {SIZE_M[1]:g} m; {hint}")
+    return surface
+
+
+def _mesh(path: Path, scale: float) -> Surface:
+    try:
+        mesh = trimesh.load(path, force="mesh", process=False)
+    except Exception as error:  # each of trimesh's readers raises its own
+        raise UsageError(f"{path}: cannot be read as a mesh: {error}") from None
+    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+        raise UsageError(f"{path}: has no triangles: it seems to be a cloud of points, make a mesh of it first")
+    mesh.merge_vertices()
+    return Surface(scale * np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64))
+
+
+def _height_map(path: Path, scale: float, pitch_m: float | None) -> Surface:
+    """Heights [rows: y, columns: x], NaN or below any number of use where unseen."""
+    places: list[Array | None] = [None, None]
+    try:
+        if path.suffix.lower() == ".npz":
+            with np.load(path, allow_pickle=False) as arrays:
+                grids = [name for name in arrays if arrays[name].ndim == 2]
+                if len(grids) != 1:
+                    raise UsageError(f"{path}: has {len(grids)} two-dimensional arrays: expected one, of heights")
+                (name,) = grids
+                heights = _metres(arrays[name], name, scale)
+                places = [arrays.get(f"{axis}_m") for axis in "xy"]
+        elif path.suffix.lower() == ".npy":
+            heights = _metres(np.load(path, allow_pickle=False), "", scale)
+        else:
+            from PIL import Image
+
+            with Image.open(path) as image:
+                heights = _metres(np.asarray(image)[::-1], "", scale)  # the first row of an image is its top
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{path}: cannot be read as a height map: {error}") from None
+    if heights.ndim != 2 or min(heights.shape) < 2:
+        raise UsageError(f"{path}: has the shape {heights.shape}: expected rows and columns of heights")
+    rows, columns = heights.shape
+    x, y = places
+    if x is None or y is None:
+        if pitch_m is None:
+            raise UsageError(
+                f"{path}: says no place of its columns and rows (x_m, y_m): give --pitch, metres between them"
+            )
+        x, y = (pitch_m * np.arange(float(count)) for count in (columns, rows))
+    if (len(x), len(y)) != (columns, rows):
+        raise UsageError(
+            f"{path}: x_m has {len(x)} and y_m {len(y)} values, the heights {columns} columns, {rows} rows"
+        )
+    return _grid(heights, x, y)
+
+
+def _metres(heights: NDArray[Any], name: str, scale: float) -> Array:
+    """As floats [m]; `z_tenth_mm` and the like say their unit, whole numbers at the end of their range are unseen."""
+    signed = np.issubdtype(heights.dtype, np.signedinteger)
+    unseen = heights == np.iinfo(heights.dtype).min if signed else np.zeros(heights.shape, bool)
+    unit = next((size for ending, size in (("_tenth_mm", 1e-4), ("_mm", 1e-3)) if name.endswith(ending)), 1.0)
+    return np.where(unseen, np.nan, scale * unit * heights.astype(float))
+
+
+def _grid(heights: Array, x: Array, y: Array) -> Surface:
+    rows, columns = heights.shape
+    vertices = np.stack([*np.meshgrid(x, y), heights], axis=2).reshape(-1, 3)
+    k = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = k[:-1, :-1], k[:-1, 1:], k[1:, 1:], k[1:, :-1]
+    faces = np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
+    faces = faces if (x[1] - x[0]) * (y[1] - y[0]) > 0 else faces[:, ::-1]
+    seen = faces[np.isfinite(vertices[faces, 2]).all(axis=1)]
+    used, faces = np.unique(seen, return_inverse=True)
+    return Surface(vertices[used], faces.reshape(-1, 3).astype(np.int64))

@@ -1,0 +1,106 @@
+"""Where a level body stands on four of the holds: by the checker's inverse kinematics, on a grid over the wall."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
+from crux_planner.checker.geometry import rotation_about_z
+from crux_planner.checker.inverse_kinematics import solve
+from crux_planner.checker.limb_model import load_model
+from crux_tools.robot.stance import limb_reach
+
+from crux_simulation.wall.boxes import Box
+from crux_simulation.wall.surface import Array
+
+STEP_M = 0.05
+MARGIN_RAD = 0.05
+FOUND_M, FOUND_RAD = 1e-4, 1e-3
+MOST_POSES = 20_000  # of a limb; on larger walls the grid is coarser
+STARTS = 12  # that are tried
+
+
+@dataclass(frozen=True)
+class Stance:
+    """A body's place (x, y, height) [m], by limb the hold and its pair of faces, and how far [m] the grippers are from
+    the middles of what their limbs reach, in the sum.
+    """
+
+    body_m: tuple[float, float, float]
+    grasps: dict[str, tuple[str, str]]
+    off_m: float
+
+
+def stances(holds: list[Box], robot: Robot) -> list[Stance]:
+    """Of each place of the body on a grid the stance whose grippers are nearest to the middles of the limbs' reach."""
+    grips = _grips(holds, robot)
+    if len(holds) < len(LIMB_NAMES):
+        return []
+    model, height = load_model(robot), sum(robot.body.height_m) / 2.0
+    foot = np.array([hold.position_m for hold in holds])
+    low, high = foot.min(axis=0), foot.max(axis=0)
+    step = max(STEP_M, float(np.sqrt(np.prod(high - low + STEP_M) * len(grips) / MOST_POSES)))
+    x, y = (np.linspace(a, b, 2 + int((b - a) / step)) for a, b in zip(low, high, strict=True))
+    bodies = np.array([[i, j, height] for j in y for i in x])
+    places, yaws = np.array([place for _, _, place, _ in grips]), np.array([yaw for _, _, _, yaw in grips])
+    wanted = places[None] - bodies[:, None]
+    turns = np.broadcast_to(rotation_about_z(yaws), (len(bodies), len(yaws), 3, 3))
+    off = np.full((len(model.limbs), len(bodies), len(grips)), np.inf)
+    for mine, limb in zip(off, model.limbs, strict=True):
+        middle = limb_reach(limb, {"body": robot.body, "grasp": robot.grasp}).places_m.mean(axis=0)
+        away = np.linalg.norm(wanted[..., :2] - middle, axis=2)
+        near = away < sum(float(np.linalg.norm(joint.origin_m)) for joint in limb.chain[1:])
+        (found,) = solve([limb], [wanted[near]], [turns[near]])
+        good = (found.position_error_m < FOUND_M) & (found.rotation_error_rad < FOUND_RAD)
+        good &= ((found.q_rad >= limb.lower_rad + MARGIN_RAD) & (found.q_rad <= limb.upper_rad - MARGIN_RAD)).all(
+            axis=1
+        )
+        mine[near] = np.where(good, away[near], np.inf)
+    best = (_best(body, off[:, i], grips) for i, body in enumerate(bodies))
+    return [stance for stance in best if stance is not None]
+
+
+def ends(found: list[Stance], can_start: Callable[[Stance], bool]) -> tuple[Stance, Stance] | None:
+    """A start in the lowest quarter of the wall, as `can_start` allows, and a goal in the highest; None without one."""
+    if not found:
+        return None
+    heights = np.array([stance.body_m[0] for stance in found])
+    low, high = heights.min() + (heights.max() - heights.min()) * np.array([0.25, 0.75])
+    starts = sorted((each for each in found if each.body_m[0] <= low), key=lambda each: each.off_m)
+    start = next((each for each in starts[:STARTS] if can_start(each)), None)
+    goal = min((each for each in found if each.body_m[0] >= high), key=lambda each: each.off_m)
+    return None if start is None else (start, goal)
+
+
+Grip = tuple[str, str, Array, float]  # hold, faces, place of the gripper's middle (3,), yaw
+
+
+def _grips(holds: list[Box], robot: Robot) -> list[Grip]:
+    """All ways to grip the holds, turned as the robot's grippers may be."""
+    low, high = robot.grasp.gripper_yaw_rad
+    found: list[Grip] = []
+    for hold in holds:
+        pads = min(sum(robot.grasp.pad_height_m) / 2.0, float(hold.size_m[2]) - robot.gripper.pad_radius_m)
+        for faces, turn, can in (("x", 0.0, hold.faces[0]), ("y", np.pi / 2.0, hold.faces[1])):
+            for half in (-np.pi, 0.0, np.pi):
+                yaw = hold.yaw_rad + turn + half
+                if can and low <= yaw <= high:
+                    found.append((hold.name, faces, np.array([*hold.position_m, pads]), yaw))
+    return found
+
+
+def _best(body: Array, off_m: Array, grips: list[Grip]) -> Stance | None:
+    """For every limb the nearest grip that no other has; None where a limb has none."""
+    taken: dict[str, tuple[str, str]] = {}
+    total, held = 0.0, set[str]()
+    for name, mine in zip(LIMB_NAMES, off_m, strict=True):
+        free = [k for k in np.argsort(mine, kind="stable") if np.isfinite(mine[k]) and grips[k][0] not in held]
+        if not free:
+            return None
+        hold, faces = grips[free[0]][:2]
+        taken[name], total = (hold, faces), total + float(mine[free[0]])
+        held.add(hold)
+    return Stance((float(body[0]), float(body[1]), float(body[2])), taken, total)
