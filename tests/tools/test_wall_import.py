@@ -153,6 +153,20 @@ def test_a_height_map_may_say_its_unit_and_its_places(tmp_path: Path, capsys: py
     assert sorted(body["size_m"]) == pytest.approx([0.05, 0.06, 0.06], abs=0.006)
 
 
+def test_a_boards_table_is_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [f"h{i},{x},{y},20" for i, (x, y) in enumerate((x, y) for x in (0.0, 0.28, 0.43) for y in (0.36, -0.36))]
+    (tmp_path / "board.csv").write_text("\n".join(["# by hand", "cell,x_up_m_measured,y_left_m,up_deg", *rows]))
+    said = wall_import(capsys, str(tmp_path / "board.csv"), "-o", str(tmp_path / "wall.yaml"), "--slope", "130")
+    assert [body["name"] for body in said["bodies"]] == [f"h{i}" for i in range(6)]
+    wall = load_scenario(tmp_path / "wall.yaml")
+    assert wall.wall.slope_deg == 130.0
+    assert [hold.yaw_deg for hold in wall.holds] == [20.0] * 6
+    for line, wrong in (("h9,0.1,zero,0", "board.csv:3: y_left_m: 'zero'"), ("h9,0.1,0", "board.csv:3: 3 values")):
+        (tmp_path / "board.csv").write_text("\n".join(["# by hand", "cell,x_up_m,y_left_m,up_deg", line]))
+        assert main(["wall", "import", str(tmp_path / "board.csv"), "-o", str(tmp_path / "wall.yaml")]) == 2
+        assert wrong in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("name", "words", "said"),
     [

@@ -17,18 +17,21 @@ def add_import(actions: Any) -> None:
         "import",
         help="make a scenario of a scanned wall",
         **taught(
-            "Makes a scenario of a mesh (STL, OBJ, PLY, glTF, OFF) or a height map (npy, npz, PNG, TIFF; rows are y, "
-            "columns x). The plane that most of it lies in becomes the wall. Every body that stands on it becomes a "
-            "hold where the robot's gripper can take it upright: two patches that are opposite, flat, and within its "
-            "opening, with space for fingers and palm. All others become obstacles, with the reason. Holds are cuboids, "
-            "in the plan as in the simulation; faces that lean have less friction. Start and goal are the lowest and "
-            "the highest place at which a level body has four holds in reach. Exit status: 0 the scenario is complete, "
-            "1 it is written, but there is no such place, 2 the scan or the usage is wrong.",
+            "Makes a scenario of a mesh (STL, OBJ, PLY, glTF, OFF) or a height map (npy, npz, PNG, TIFF; rows are "
+            "y, columns x). The plane that most of it lies in becomes the wall. Every body that stands on it "
+            "becomes a hold where the robot's gripper can take it upright: two patches that are opposite, flat, "
+            "and within its opening, with space for fingers and palm. All others become obstacles, with the "
+            "reason. Of a board's table (CSV with the columns name, x_m up, y_m left, yaw_deg, size_x_m, "
+            "size_y_m, size_z_m; the last four may be left out) every row is a hold. Holds are cuboids, in the "
+            "plan as in the simulation; faces that lean have less friction. Start and goal are a low and a high "
+            "place at which a level body has four holds in reach. Exit status: 0 the scenario is complete, 1 it "
+            "is written, but there is no such place, 2 the scan or the usage is wrong.",
             "crux wall import scan.ply -o wall.yaml --down 0 0 -1 --picture wall.png",
             "crux wall import heights.npz -o wall.yaml --slope 90 --tilt 35",
+            "crux wall import board.csv -o wall.yaml --slope 130",
         ),
     )
-    parser.add_argument("scan", type=Path, metavar="SCAN", help="a mesh or a height map")
+    parser.add_argument("scan", type=Path, metavar="SCAN", help="a mesh, a height map or a board's table")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="WALL.yaml", help="the new scenario")
     parser.add_argument("--robot", default="scaler", metavar="R", help="name or folder of the robot (scaler)")
     parser.add_argument("--scale", type=positive, default=1.0, metavar="M", help="metres of the scan's unit (1)")
@@ -82,7 +85,7 @@ def _import(options: argparse.Namespace) -> int:
 
         write_whole(options.picture, picture(found))
     bodies = sum(found.reasons.values()) + len(found.holds)
-    slope = f"slope {found.wall.slope_deg:.1f}°"
+    slope = f"slope {found.slope_deg:.1f}°"
     note(f"{options.output}: {len(found.holds)} of {bodies} bodies on the wall are holds, {slope}")
     for reason, count in found.reasons.items():
         note(f"  {count} not: {reason}")
@@ -101,9 +104,9 @@ def _import(options: argparse.Namespace) -> int:
 
 def _described(found: Any) -> dict[str, Any]:
     return {
-        "slope_deg": found.wall.slope_deg,
-        "rotation": found.wall.rotation.tolist(),
-        "offset_m": found.wall.offset.tolist(),
+        "slope_deg": found.slope_deg,
+        "rotation": None if found.wall is None else found.wall.rotation.tolist(),
+        "offset_m": None if found.wall is None else found.wall.offset.tolist(),
         "bodies": [
             {
                 "name": box.name,

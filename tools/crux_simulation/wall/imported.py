@@ -17,6 +17,7 @@ from crux_contracts.scenario_types import MAX_CUBOIDS
 from crux_tools.errors import UsageError
 from crux_tools.output import progress
 
+from crux_simulation.wall.board import read_board
 from crux_simulation.wall.boxes import Box, boxes
 from crux_simulation.wall.frame import Placed, placed
 from crux_simulation.wall.places import Limits, bodies, find_places
@@ -46,12 +47,12 @@ class Options:
 
 @dataclass(frozen=True)
 class Imported:
-    """What came of a scan."""
+    """What came of a scan, or of a board's table, which has no surface."""
 
     boxes: list[Box]
     stances: tuple[Stance, Stance] | None
-    wall: Placed
-    text: str
+    slope_deg: float
+    wall: Placed | None
 
     @property
     def holds(self) -> list[Box]:
@@ -67,21 +68,19 @@ class Imported:
 def imported(scan: Path, output: Path, options: Options) -> Imported:
     """Writes the scenario. Raises UsageError where the scan, or what is asked of it, cannot be."""
     robot = load_robot(options.robot)
-    with progress(f"reading {scan.name}", 5) as bar:
-        surface = read_surface(scan, options.scale, options.pitch_m)
-        bar.at(1)
-        down = None if options.down is None else np.array(options.down)
-        wall = placed(surface, np.array(options.outward), down, options.slope_deg)
-        of = bodies(wall.surface)
-        bar.at(2)
-        places, reason = find_places(wall.surface, of, robot, options.limits)
-        bar.at(3)
-        found = _with_friction(boxes(wall.surface, of, places, reason, robot), options.friction)
+    with progress(f"reading {scan.name}", 3) as bar:
+        wall = None
+        if scan.suffix.lower() == ".csv":
+            found, slope_deg = read_board(scan), options.slope_deg
+        else:
+            wall = _placed(scan, options)
+            bar.at(1)
+            found, slope_deg = _found(wall, robot, options), wall.slope_deg
         if len(found) > MAX_CUBOIDS:
             hint = "cut the scan, or give the plane that the robot climbs by --outward"
             raise UsageError(f"{scan}: {len(found)} bodies stand on the wall, expected at most {MAX_CUBOIDS}; {hint}")
-        bar.at(4)
-        document = _document(scan, robot, found, wall, options)
+        bar.at(2)
+        document = _document(scan, robot, found, slope_deg, options)
         on_holds = stances([box for box in found if box.is_hold], robot)
         chosen = ends(on_holds, lambda stance: _can_start(document, stance, robot))
     if chosen is not None:
@@ -91,7 +90,19 @@ def imported(scan: Path, output: Path, options: Options) -> Imported:
     )
     output.parent.mkdir(parents=True, exist_ok=True)
     write_whole(output, text.encode())
-    return Imported(found, chosen, wall, text)
+    return Imported(found, chosen, slope_deg, wall)
+
+
+def _placed(scan: Path, options: Options) -> Placed:
+    surface = read_surface(scan, options.scale, options.pitch_m)
+    down = None if options.down is None else np.array(options.down)
+    return placed(surface, np.array(options.outward), down, options.slope_deg)
+
+
+def _found(wall: Placed, robot: Robot, options: Options) -> list[Box]:
+    of = bodies(wall.surface)
+    places, reason = find_places(wall.surface, of, robot, options.limits)
+    return _with_friction(boxes(wall.surface, of, places, reason, robot), options.friction)
 
 
 def tilted(friction: float, tilt_rad: float) -> float:
@@ -111,7 +122,7 @@ def _with_friction(found: list[Box], friction: float) -> list[Box]:
     return kept
 
 
-def _document(scan: Path, robot: Robot, found: list[Box], wall: Placed, options: Options) -> dict[str, Any]:
+def _document(scan: Path, robot: Robot, found: list[Box], slope_deg: float, options: Options) -> dict[str, Any]:
     """The scenario but for start and goal."""
     contact = {
         "model": "patch",
@@ -124,7 +135,7 @@ def _document(scan: Path, robot: Robot, found: list[Box], wall: Placed, options:
         "version": 1,
         "name": scan.stem,
         "robot": options.robot,
-        "wall": {"slope_deg": round(wall.slope_deg, 1)},
+        "wall": {"slope_deg": round(slope_deg, 1)},
         "contact": contact,
         "holds": [_hold(box, options.friction) for box in found if box.is_hold],
         "obstacles": [_cuboid(box) for box in found if not box.is_hold],
@@ -152,15 +163,16 @@ def _can_start(document: dict[str, Any], stance: Stance, robot: Robot) -> bool:
     return True
 
 
-def _said(scan: Path, robot: Robot, chosen: tuple[Stance, Stance] | None, wall: Placed, options: Options) -> str:
+def _said(scan: Path, robot: Robot, chosen: tuple[Stance, Stance] | None, wall: Placed | None, options: Options) -> str:
     """The first lines of the file: where it comes from, and what was taken for it."""
-    said = [
-        f"# From {scan.name} by `crux wall import`. Cuboids stand for the holds that {robot.name}'s grippers can take;",
-        "# `crux climb` simulates these cuboids. Not in the scan, so assumed [A]: friction, spines"
-        + ("." if options.down is not None else ", the slope."),
-        f"# W: rows of the rotation from the scan's frame {np.round(wall.rotation, DIGITS).tolist()},",
-        f"# then the offset {np.round(wall.offset, DIGITS).tolist()} m.",
-    ]
+    slope = "." if options.down is not None else ", the slope."
+    said = [f"# From {scan.name} by `crux wall import`. Not in it, so assumed [A]: friction, spines{slope}"]
+    if wall is not None:
+        said += [
+            f"# Cuboids stand for the holds that {robot.name}'s grippers can take; `crux climb` simulates them.",
+            f"# W: rows of the rotation from the scan's frame {np.round(wall.rotation, DIGITS).tolist()},",
+            f"# then the offset {np.round(wall.offset, DIGITS).tolist()} m.",
+        ]
     if chosen is None:
         said.append("# No stance was found on four of the holds: give start and goal.")
     return "\n".join(said) + "\n"

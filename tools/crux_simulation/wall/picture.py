@@ -16,12 +16,13 @@ SHOWN = 60_000  # samples
 
 def picture(found: Imported) -> bytes:
     """PNG; x of the wall goes up, y to the left, as the robot sees it."""
-    points = found.wall.surface.samples.points
-    points = points[:: max(1, len(points) // SHOWN)]
     figure = Figure(figsize=(9.0, 9.0), layout="constrained")
     axes = figure.add_subplot()
-    shade = axes.scatter(points[:, 1], points[:, 0], c=1000.0 * points[:, 2], s=1.0, cmap="Greys", vmin=-20.0)
-    figure.colorbar(shade, label="mm off the wall", shrink=0.6)
+    if found.wall is not None:
+        points = found.wall.surface.samples.points
+        points = points[:: max(1, len(points) // SHOWN)]
+        shade = axes.scatter(points[:, 1], points[:, 0], c=1000.0 * points[:, 2], s=1.0, cmap="Greys", vmin=-20.0)
+        figure.colorbar(shade, label="mm off the wall", shrink=0.6)
     reasons = list(found.reasons)
     for box in found.boxes:
         colour = "tab:green" if box.is_hold else "tab:red"
@@ -34,6 +35,7 @@ def picture(found: Imported) -> bytes:
     for stance, name in zip(found.stances or (), ("start", "goal"), strict=False):
         axes.plot(stance.body_m[1], stance.body_m[0], "b+", markersize=14)
         axes.annotate(f" {name}", (stance.body_m[1], stance.body_m[0]), color="b")
+    axes.autoscale_view()
     axes.invert_xaxis()
     axes.set(aspect="equal", xlabel="y [m]", ylabel="x up the wall [m]", title=f"{len(found.holds)} holds (green)")
     text = "\n".join(f"({i}) {reason}: {count}" for i, (reason, count) in enumerate(found.reasons.items(), 1))
