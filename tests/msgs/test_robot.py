@@ -162,7 +162,7 @@ def test_everything_that_is_wrong_is_told_at_once(folder: Path) -> None:
         folder, "scaler.urdf", '<joint name="LF_joint3" type="revolute">', '<joint name="LF_joint3" type="continuous">'
     )
     spoil(folder, "scaler.urdf", 'lower="0.008" upper="0.066" effort="60"', 'lower="0.008" upper="0.066" effort="0"')
-    spoil(folder, "scaler.urdf", '<origin xyz="-0.1355 0.144 0"', '<origin xyz="-0.1 0.144 0"')
+    spoil(folder, "scaler.urdf", '<origin xyz="-0.1355 0.144 0"', '<origin xyz="0.1 0.144 0"')
     spoil(folder, "robot.yaml", "coarse_travel_m: 0.065", "coarse_travel_m: 0.05")
     with pytest.raises(RobotError) as raised:
         load_robot(folder)

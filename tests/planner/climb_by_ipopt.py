@@ -111,7 +111,12 @@ def solve(
         rows.add(slack, low[3][stance][rough], high[3][stance][rough])
     if len(at := stages.limited[0]):
         here = [int(np.flatnonzero((knots == k) & (limbs == limb))[0]) for k, limb in zip(*stages.limited, strict=True)]
-        given = x[:, at.tolist()], u[:WRENCH_INPUTS, here], grasps[:, here], stages.functions.numbers[limbs[here]].T
+        given = (
+            x[:, at.tolist()],
+            u[:WRENCH_INPUTS, here],
+            grasps[:, here],
+            np.array([problem.limb_masses[limb].numbers for limb in limbs[here]]).T,
+        )
         rows.add(f.torques.map(len(at))(*given), low[4], high[4])
 
     cost = ca.sum2(f.body_cost.map(n + 1)(x)) + ca.sum2(f.column_cost.map(len(knots))(u))

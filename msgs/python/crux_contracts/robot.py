@@ -18,10 +18,10 @@ from .joint_loop_checks import joint_loop_problems
 from .motor_checks import motor_problems
 from .places import MSGS
 from .robot_meaning import robot_meaning
-from .robot_rules import Chain, RobotRules
-from .robot_types import Array, Limb, Robot
+from .robot_rules import Chain, RobotRules, have_closed_form
+from .robot_types import Array, AtZero, Limb, Robot
 from .robot_yaml import RobotYaml
-from .urdf import Urdf, parse_xml, read_urdf
+from .urdf import Urdf, parse_xml, read_urdf, rotation
 from .yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
 __all__ = [
@@ -164,9 +164,23 @@ def _limbs(rules: RobotRules, file: RobotYaml) -> tuple[Limb, ...] | None:
     joints = [joint for chain in chains.values() for joint in chain.joints]
     joints += [rules.urdf.joints[finger] for both in fingers.values() for finger in both]
     rules.check_bodies(joints, [chain.gripper_link for chain in chains.values()])
-    rules.check_mirrored(chains)
-    return tuple(
-        _limb(rules.urdf, name, file.limbs[name]["bus"], chain, fingers[name]) for name, chain in chains.items()
+    rules.check_sides(chains)
+    closed_form = have_closed_form(chains)
+    limbs = (_limb(rules.urdf, name, file.limbs[name]["bus"], chains[name], fingers[name]) for name in chains)
+    return tuple(limb if closed_form else _without_closed_form(limb) for limb in limbs)
+
+
+def _without_closed_form(limb: Limb) -> Limb:
+    lengths = np.linalg.norm(np.diff(np.vstack([limb.at_zero.points_m, limb.at_zero.gripper_m]), axis=0), axis=1)
+    return replace(
+        limb,
+        closed_form=False,
+        senses=np.ones(len(limb.joints)),
+        mount_rad=0.0,
+        upper_link_m=float(lengths[:2].sum()),
+        lower_link_m=float(lengths[2:-1].sum()),
+        wrist_to_gripper_m=float(lengths[-1]),
+        gripper_mount_rad=0.0,
     )
 
 
@@ -188,7 +202,21 @@ def _limb(urdf: Urdf, name: str, bus: int, chain: Chain, fingers: tuple[str, str
         gripper_mount_rad=mount.rpy_rad[2],
         hand_mass_kg=hand_mass,
         hand_com_g_m=hand_com,
+        closed_form=True,
+        at_zero=_at_zero(chain),
     )
+
+
+def _at_zero(chain: Chain) -> AtZero:
+    place, turn = np.zeros(3), np.eye(3)
+    places, turns = [], []
+    for step in chain.steps:
+        place, turn = place + turn @ np.array(step.xyz_m), turn @ rotation(step.rpy_rad)
+        places.append(place)
+        turns.append(turn)
+    axes = [at @ np.array(joint.axis) for at, joint in zip(turns, chain.joints, strict=False)]
+    points, rotations = np.array(places), np.array(turns)
+    return AtZero(np.array(axes), points[:-1], rotations[:-1], points[-1], rotations[-1])
 
 
 def _hand(urdf: Urdf, gripper_link: str, fingers: tuple[str, str]) -> tuple[float, Array]:

@@ -1,5 +1,5 @@
-"""What planner and runtime stand on beyond the form of a URDF: a tree of bodies with masses, four mirrored limbs of one
-kind, fingers that close along the gripper's x.
+"""What planner and runtime stand on beyond the form of a URDF: a tree of bodies with masses, four limbs of six revolute
+joints, fingers that close along the gripper's x; and which limbs have closed-form kinematics.
 
 The runtime has the same rules in the same order (runtime/core/robot/robot_rules.cpp), and names the first that is
 broken; tests/cross/test_robot_verdicts.py holds both to one verdict.
@@ -88,8 +88,7 @@ class RobotRules:
         return len(self.problems) == before
 
     def chain(self, limb: str, gripper_link: str, names: Sequence[str]) -> Chain | None:
-        """The joints of a limb and the gripper's mount, of the form that the closed form needs; None where it has other
-        joints."""
+        """The joints of a limb and the gripper's mount; None where it has other joints."""
         if gripper_link not in self.urdf.links:
             self.note(f"link {gripper_link}", "", f"no such link (gripper of limb {limb})")
             return None
@@ -102,34 +101,10 @@ class RobotRules:
         if chain[-1].kind != "fixed":
             self.note(f"limb {limb}", "", f"expected {bounds.JOINTS} joints and then the fixed mount of the gripper")
             return None
-        steps = tuple(_steps(chain))
-        for step, axis in zip(steps, bounds.JOINT_AXES, strict=False):
-            joint = step.joint
-            if not self._is_wrong(joint) and (joint.kind != "revolute" or not _along(joint.axis, axis)):
-                found = f"{joint.kind} about {shown(joint.axis)}"
-                self.note(f"joint {joint.name}", found, f"expected revolute about {shown(axis)}, or against it")
-        self._check_origins(steps)
-        return Chain(steps)
-
-    def _check_origins(self, steps: Sequence[Step]) -> None:
-        """Links along x, a wrist in one point, the gripper on the last axis."""
-        for index, step in enumerate(steps):
-            key, xyz, rpy = f"joint {step.joint.name}", f"xyz {shown(step.xyz_m)}", f"rpy {shown(step.rpy_rad)}"
-            x, y, z = step.xyz_m
-            if index in (0, bounds.JOINTS):
-                if not _same(step.rpy_rad[:2], (0.0, 0.0)):
-                    self.note(key, rpy, "expected a turn about z only")
-                if index == bounds.JOINTS and not (_same((x, y), (0.0, 0.0)) and z <= -bounds.MIN_LINK_M):
-                    expected = f"expected the gripper on the last axis: 0 0 z, z at most -{bounds.MIN_LINK_M:g}"
-                    self.note(key, xyz, expected)
-                continue
-            if index in (2, 3):
-                if not _same((y, z), (0.0, 0.0)) or x < bounds.MIN_LINK_M:
-                    self.note(key, xyz, f"expected a link along x: x 0 0, x at least {bounds.MIN_LINK_M:g}")
-            elif not _same(step.xyz_m, (0.0, 0.0, 0.0)):
-                self.note(key, xyz, "expected 0 0 0: the axes meet in one point")
-            if not _same(step.rpy_rad, (0.0, 0.0, 0.0)):
-                self.note(key, rpy, "expected 0 0 0")
+        for joint in moving:
+            if not self._is_wrong(joint) and joint.kind != "revolute":
+                self.note(f"joint {joint.name}", joint.kind, "expected revolute")
+        return Chain(tuple(_steps(chain)))
 
     def check_fingers(self, gripper_link: str, fingers: tuple[str, str], opening_m: tuple[float, float]) -> bool:
         """Whether they are there. Finger 1 opens along the gripper's x, finger 2 against it, as robot.yaml says."""
@@ -166,10 +141,8 @@ class RobotRules:
             if link.name in parts and 0 <= link.mass_kg < bounds.MIN_MASS_KG:
                 self.note(key, mass, f"expected at least {bounds.MIN_MASS_KG:g} kg: this link moves")
 
-    def check_mirrored(self, chains: Mapping[str, Chain]) -> None:
-        """All limbs are mirror images of the first, each in the quadrant that its name says; chains by limb."""
-        first = next(iter(chains.values())).steps
-        wrong = {step.joint.name for chain in chains.values() for step in chain.steps if self._is_wrong(step.joint)}
+    def check_sides(self, chains: Mapping[str, Chain]) -> None:
+        """Each limb starts in the quadrant that its name says; chains by limb."""
         for limb, chain in chains.items():
             shoulder = chain.steps[0]
             x, y, _ = shoulder.xyz_m
@@ -177,37 +150,50 @@ class RobotRules:
             if x * along <= bounds.ALIKE or y * aside <= bounds.ALIKE:
                 expected = f"expected x {_side(along)} 0 and y {_side(aside)} 0 for limb {limb}"
                 self.note(f"joint {shoulder.joint.name}", f"xyz {shown(shoulder.xyz_m)}", expected)
-                wrong.add(shoulder.joint.name)
-            for index, (one, other) in enumerate(zip(first, chain.steps, strict=True)):
-                if {one.joint.name, other.joint.name} & wrong:
-                    continue
-                x, y, z = one.xyz_m
-                self._check_place(one, other, (along * x, aside * y, z) if index == 0 else one.xyz_m)
-                if index < bounds.JOINTS:
-                    self._check_limits(one, other, along * aside < 0 and index in MIRRORED_JOINTS)
-            if not {first[0].joint.name, shoulder.joint.name} & wrong:
-                self._check_yaw(first[0], shoulder, along, aside)
 
-    def _check_place(self, one: Step, other: Step, wanted: Vector) -> None:
-        if not _same(other.xyz_m, wanted):
-            expected = f"expected {shown(wanted)}, mirrored from {one.joint.name}: all limbs are alike"
-            self.note(f"joint {other.joint.name}", f"xyz {shown(other.xyz_m)}", expected)
 
-    def _check_limits(self, one: Step, other: Step, mirrored: bool) -> None:
-        low, high = one.joint.lower, one.joint.upper
-        if mirrored != (one.sense * other.sense < 0):
-            low, high = -high, -low
-        if not _same((other.joint.lower, other.joint.upper), (low, high)):
-            found = f"{other.joint.lower:g}..{other.joint.upper:g}"
-            expected = f"expected {low + 0.0:g}..{high + 0.0:g}, mirrored from {one.joint.name}: all limbs are alike"
-            self.note(f"joint {other.joint.name}", found, expected)
+def have_closed_form(chains: Mapping[str, Chain]) -> bool:
+    """Whether all limbs have the form that closed-form kinematics needs, and are mirror images of the first."""
+    first = next(iter(chains.values())).steps
+    return all(_has_closed_form(chain.steps) and _mirrored(first, limb, chain.steps) for limb, chain in chains.items())
 
-    def _check_yaw(self, one: Step, other: Step, along: float, aside: float) -> None:
-        yaw = other.rpy_rad[2]
-        x, y = along * math.cos(one.rpy_rad[2]), aside * math.sin(one.rpy_rad[2])
-        if math.hypot(math.cos(yaw) - x, math.sin(yaw) - y) > bounds.SAME_DIRECTION_RAD:
-            expected = f"expected {math.atan2(y, x):.4g}, mirrored from {one.joint.name}: all limbs are alike"
-            self.note(f"joint {other.joint.name}", f"yaw {yaw:.4g}", expected)
+
+def _has_closed_form(steps: Sequence[Step]) -> bool:
+    """Axes of JOINT_AXES or against them, links along x, a wrist in one point, the gripper on the last axis."""
+    if not all(_along(step.joint.axis, axis) for step, axis in zip(steps, bounds.JOINT_AXES, strict=False)):
+        return False
+    for index, step in enumerate(steps):
+        x, y, z = step.xyz_m
+        if index in (0, bounds.JOINTS):
+            on_axis = index == 0 or (_same((x, y), (0.0, 0.0)) and z <= -bounds.MIN_LINK_M)
+            if not (on_axis and _same(step.rpy_rad[:2], (0.0, 0.0))):
+                return False
+            continue
+        along_x = _same((y, z), (0.0, 0.0)) and x >= bounds.MIN_LINK_M
+        if not (along_x if index in (2, 3) else _same((x, y, z), (0.0, 0.0, 0.0))):
+            return False
+        if not _same(step.rpy_rad, (0.0, 0.0, 0.0)):
+            return False
+    return True
+
+
+def _mirrored(first: Sequence[Step], limb: str, steps: Sequence[Step]) -> bool:
+    """Whether a limb is the first one mirrored into its quadrant."""
+    along, aside = _quadrant(limb)
+    for index, (one, other) in enumerate(zip(first, steps, strict=True)):
+        x, y, z = one.xyz_m
+        if not _same(other.xyz_m, (along * x, aside * y, z) if index == 0 else one.xyz_m):
+            return False
+        if index < bounds.JOINTS:
+            low, high = one.joint.lower, one.joint.upper
+            mirrored = along * aside < 0 and index in MIRRORED_JOINTS
+            if mirrored != (one.sense * other.sense < 0):
+                low, high = -high, -low
+            if not _same((other.joint.lower, other.joint.upper), (low, high)):
+                return False
+    yaw, other_yaw = first[0].rpy_rad[2], steps[0].rpy_rad[2]
+    x, y = along * math.cos(yaw), aside * math.sin(yaw)
+    return math.hypot(math.cos(other_yaw) - x, math.sin(other_yaw) - y) <= bounds.SAME_DIRECTION_RAD
 
 
 def _steps(chain: Sequence[Joint]) -> Iterable[Step]:

@@ -15,10 +15,25 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class AtZero:
+    """A limb with all its joints at 0, in the body frame: all that kinematics needs of a chain of revolute joints."""
+
+    axes: Array
+    """(6, 3) unit vectors."""
+    points_m: Array
+    """(6, 3), one on each axis: the origin of the link behind the joint,"""
+    rotations: Array
+    """(6, 3, 3) and how that link is turned."""
+    gripper_m: Array
+    gripper_rotation: Array
+
+
+@dataclass(frozen=True)
 class Limb:
     """One limb as YAML and URDF describe it together; SI units. Arrays have one value a joint, shoulder outwards.
 
     Angles are those of the closed form, about the axes of robot_bounds.JOINT_AXES; joints count them times `senses`.
+    Where there is no closed form they are the joints' own, and the lengths below are only how large the limb is.
     """
 
     name: str
@@ -42,6 +57,9 @@ class Limb:
     """Of what hangs on the F/T sensor: gripper and fingers."""
     hand_com_g_m: Array
     """(3,) its centre of mass with the fingers half open, gripper frame."""
+    closed_form: bool
+    """Whether all limbs yaw, pitch and pitch, have a spherical wrist, and are mirror images of one another."""
+    at_zero: AtZero
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -58,6 +76,12 @@ class Limb:
         """(6,)"""
         ends = zip(self.joints, self.senses, strict=True)
         return np.array([joint.upper if sense > 0 else -joint.lower for joint, sense in ends])
+
+    @property
+    def longest_m(self) -> float:
+        """How far the gripper is from the first joint at most."""
+        places = np.vstack([self.at_zero.points_m, self.at_zero.gripper_m])
+        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
     @property
     def effort_Nm(self) -> Array:
@@ -79,6 +103,11 @@ class Robot(Sections):
     body_link: str
     limbs: tuple[Limb, Limb, Limb, Limb]
     hash: str = field(repr=False)
+
+    @property
+    def closed_form(self) -> bool:
+        """Whether the limbs have closed-form kinematics."""
+        return all(limb.closed_form for limb in self.limbs)
 
     @property
     def dt_s(self) -> float:

@@ -1,4 +1,5 @@
-"""Closed-form kinematics of a limb: yaw - pitch - pitch - spherical wrist (pitch, roll, yaw), elbow up.
+"""Inverse kinematics of a limb: in closed form of yaw - pitch - pitch - spherical wrist (pitch, roll, yaw), elbow up,
+else numeric (see chain.py).
 
 Everything is vectorised over any leading shape, in the body frame, and knows the robot only through its description.
 """
@@ -7,6 +8,7 @@ import numpy as np
 from crux_contracts.robot import Limb
 
 from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.chain import chain_inverse
 
 _STRAIGHT_ELBOW_COS = 0.9995  # beyond it the limb is stretched or folded: no elbow angle, the Jacobian is singular
 
@@ -35,8 +37,11 @@ def inverse(limb: Limb, position_b_m: Array, rotation_b: Array) -> tuple[Array, 
     """Joint angles (..., 6), elbow up and wrist unflipped, and whether the pose is within the links' reach (...).
 
     Where it is not, the angles are those of the stretched (or folded) limb. Joint limits are not looked at: see
-    `limit_margin`. The last joint comes as the angle nearest to the middle of its range.
+    `limit_margin`. The last joint comes as the angle nearest to the middle of its range. Of limbs without a closed form
+    see ChainInverse.
     """
+    if not limb.closed_form:
+        return chain_inverse(limb).inverse(np.asarray(position_b_m, dtype=float), np.asarray(rotation_b, dtype=float))
     position, rotation = np.asarray(position_b_m, dtype=float), np.asarray(rotation_b, dtype=float)
     wrist = position + limb.wrist_to_gripper_m * rotation[..., :, 2] - limb.shoulder_b_m
     azimuth = np.arctan2(wrist[..., 1], wrist[..., 0])

@@ -2,9 +2,10 @@
 
 The closed-form inverse kinematics written without angles: the elbow is a corner of a triangle, the wrist's axes are
 cross products. Smooth wherever the limb is neither stretched nor folded, and the same for numbers, complex numbers,
-arrays and casadi's expressions: a vector here is a tuple of three of them.
+arrays and casadi's expressions. Limbs without a closed form are in chain_limb.py.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,9 +14,11 @@ from crux_contracts.robot import Limb, Robot
 from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.chain import chain_inverse
+from crux_planner.model.chain_limb import CHAIN, SEED, chain_numbers, placed_chain
+from crux_planner.model.placed_limb import PlacedLimb, Vector, combined, cross, dot, vector
 
-Vector = tuple[Any, Any, Any]
-NUMBERS = 36
+NUMBERS = 36  # of a limb with a closed form
 _STRETCHED = 0.999  # of a limb's links end to end
 
 
@@ -23,33 +26,46 @@ _STRETCHED = 0.999  # of a limb's links end to end
 class LimbMasses:
     """A limb, and what `placed` needs of it, (36,) SI units: place of the shoulder; lengths of upper link, lower link
     and wrist to gripper; cosine and sine of the gripper's turn on the last joint; then centre of mass and mass of
-    links 1..6, each in its own frame, and of the hand (gripper and fingers) in the gripper frame.
+    links 1..6, each in its own frame, and of the hand (gripper and fingers) in the gripper frame. Of limbs without a
+    closed form those of chain_limb.py, (76,).
     """
 
     limb: Limb
     numbers: Array
 
+    def at(self, gripper: Vector, up: Vector, along: Vector, beyond: float = 0.0) -> Array:
+        """What `placed` takes for these grippers: the numbers, and where there is no closed form also what it starts
+        from (118, ...), plus `beyond` where the limb does not reach.
+        """
+        if self.limb.closed_form:
+            return self.numbers
+        place, x, z = (np.stack(np.broadcast_arrays(*v), axis=-1).astype(float) for v in (gripper, along, up))
+        place, x, z = np.broadcast_arrays(place, x, z)
+        rotation = np.stack([x, np.cross(z, x), z], axis=-1)
+        inverse = chain_inverse(self.limb)
+        q, reached = inverse.inverse(place, rotation)
+        seeds = inverse.seeds(q.reshape(-1, JOINTS), reached.reshape(-1))
+        seeds[~reached.reshape(-1)] += beyond
+        own = np.broadcast_to(self.numbers, (len(seeds), CHAIN))
+        return np.asarray(np.concatenate([own, seeds], axis=1).T.reshape(CHAIN + SEED, *place.shape[:-1]))
 
-@dataclass(frozen=True)
-class PlacedLimb:
-    """Joints' origins and axes, and of every link how many joints are before it, its centre of mass and its mass [kg];
-    the hand (gripper and fingers) comes last. In the frame of the gripper that was given.
-    """
 
-    origins: list[Vector]
-    axes: list[Vector]
-    links: list[tuple[int, Vector, Any]]
+def numbers_of_all(limbs: Sequence[LimbMasses], gripper: Vector, up: Vector, along: Vector) -> Array:
+    """What `placed` takes for all limbs at once: grippers' components are (limbs, n), those of `up` (n,)."""
+    if not limbs or limbs[0].limb.closed_form:
+        return np.array([limb.numbers for limb in limbs]).reshape(-1, NUMBERS).T[..., None]
+    each = [limb.at(_of(gripper, i), up, _of(along, i)) for i, limb in enumerate(limbs)]
+    return np.stack(each, axis=1)
 
-    def first_moment(self) -> Vector:
-        """Sum of mass times place [kg m]."""
-        total: Vector = (0.0, 0.0, 0.0)
-        for _, place, mass in self.links:
-            total = combined((1.0, total), (mass, place))
-        return total
+
+def _of(v: Vector, limb: int) -> Vector:
+    return v[0][limb], v[1][limb], v[2][limb]
 
 
 def limb_masses(robot: Robot, limb: Limb) -> LimbMasses:
     """The masses of a limb from the robot description."""
+    if not limb.closed_form:
+        return LimbMasses(limb, chain_numbers(robot, limb))
     turn = limb.gripper_mount_rad
     numbers = [*limb.shoulder_b_m, limb.upper_link_m, limb.lower_link_m, limb.wrist_to_gripper_m]
     numbers += [np.cos(turn), np.sin(turn)]
@@ -59,8 +75,12 @@ def limb_masses(robot: Robot, limb: Limb) -> LimbMasses:
 
 
 def in_reach(numbers: Any, gripper: Vector, up: Vector) -> Vector:
-    """The gripper's centre, no farther than a stretched limb has it, as first guesses may; arguments as of `placed`."""
-    away = combined((1.0, gripper), (numbers[5], up), (-1.0, _vector(numbers, 0)))
+    """The gripper's centre, no farther than a stretched limb has it, as first guesses may; arguments as of `placed`.
+    Limbs without a closed form start from where they reach.
+    """
+    if numbers.shape[0] > NUMBERS:
+        return gripper
+    away = combined((1.0, gripper), (numbers[5], up), (-1.0, vector(numbers, 0)))
     beyond = 1.0 - _STRETCHED * (numbers[3] + numbers[4]) / dot(away, away) ** 0.5
     return combined((1.0, gripper), (-(beyond + abs(beyond)) / 2, away))
 
@@ -68,9 +88,11 @@ def in_reach(numbers: Any, gripper: Vector, up: Vector) -> Vector:
 def placed(numbers: Any, gripper: Vector, up: Vector, along: Vector) -> PlacedLimb:
     """The limb with its gripper's centre at `gripper`, z axis `up` and opening axis `along`, all in the body frame.
 
-    `numbers` are those of LimbMasses along the first axis: of one limb, of several along further axes, or symbols.
+    `numbers` are those of LimbMasses.at along the first axis: of one limb, of several along further axes, or symbols.
     """
-    shoulder, upper, lower = _vector(numbers, 0), numbers[3], numbers[4]
+    if numbers.shape[0] > NUMBERS:
+        return placed_chain(numbers, gripper, up, along)
+    shoulder, upper, lower = vector(numbers, 0), numbers[3], numbers[4]
     wrist = combined((1.0, gripper), (numbers[5], up))
     elbow, out = _elbow(combined((1.0, wrist), (-1.0, shoulder)), upper, lower)
     side = (-out[1], out[0], 0.0)  # y of the yawed limb
@@ -91,26 +113,10 @@ def placed(numbers: Any, gripper: Vector, up: Vector, along: Vector) -> PlacedLi
         (gripper, along, across),
     ]
     depths = (*range(1, JOINTS + 1), JOINTS)
-    places = [_at(*frame, _vector(numbers, 8 + 4 * i)) for i, frame in enumerate(frames)]
+    places = [_at(*frame, vector(numbers, 8 + 4 * i)) for i, frame in enumerate(frames)]
     links = list(zip(depths, places, (numbers[11 + 4 * i] for i in range(len(frames))), strict=True))
     axes = [(0.0, 0.0, 1.0), combined((-1.0, side)), side, side, roll, up]
     return PlacedLimb([shoulder, shoulder, joint, wrist, wrist, wrist], axes, links)
-
-
-def combined(*parts: tuple[Any, Vector]) -> Vector:
-    """Sum of numbers times vectors."""
-    x, y, z = (sum(number * vector[i] for number, vector in parts) for i in range(3))
-    return x, y, z
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def dot(a: Vector, b: Vector) -> Any:
-    """a . b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def _at(origin: Vector, x: Vector, y: Vector, place: Vector) -> Vector:
@@ -127,7 +133,3 @@ def _elbow(wrist: Vector, upper: float, lower: float) -> tuple[Vector, Vector]:
     height = (upper**2 / squared - share**2) ** 0.5  # as a share of that line
     along = share * radius - height * wrist[2]
     return (along * out[0], along * out[1], share * wrist[2] + height * radius), out
-
-
-def _vector(numbers: Any, first: int) -> Vector:
-    return numbers[first], numbers[first + 1], numbers[first + 2]

@@ -10,7 +10,8 @@ from crux_contracts.urdf import Joint, Link
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
-from crux_planner.model.limb import NUMBERS, LimbMasses, PlacedLimb, Vector, in_reach, placed
+from crux_planner.model.limb import LimbMasses, in_reach, numbers_of_all, placed
+from crux_planner.model.placed_limb import PlacedLimb, Vector
 from crux_planner.model.problem import CentroidalProblem, Problem
 from crux_planner.model.workspace import Reach
 
@@ -45,12 +46,12 @@ def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array, 
 def _limbs_in_body(problem: CentroidalProblem, poses: Array, hands: Array) -> tuple[Array, PlacedLimb]:
     """The body's rotations (n, 3, 3) and, in its frame, all limbs as one: a number of it is an array (4, n)."""
     to_h = rotation_from_rpy(poses[:, 3:])
-    numbers = np.array([limb.numbers for limb in problem.limb_masses]).reshape(-1, NUMBERS).T[..., None]
     x, y, z, yaw = np.moveaxis(hands, -1, 0).swapaxes(-1, -2)
     place = np.stack([x, y, z], axis=-1) - poses[:, :3]
     axis = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
     gripper, along = (_parts(np.einsum("kji,lkj->lki", to_h, v)) for v in (place, axis))
     up = _parts(to_h[:, 2])
+    numbers = numbers_of_all(problem.limb_masses, gripper, up, along)
     return to_h, placed(numbers, in_reach(numbers, gripper, up), up, along)
 
 
@@ -66,7 +67,8 @@ def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
     for limb, middle in zip(problem.limb_masses, problem.boxes.centre_b_m, strict=False):
         place = middle[:, None] + problem.boxes.half_m[:, None] * unit
         with np.errstate(invalid="ignore"):
-            moment = np.stack(placed(limb.numbers, (place[0], place[1], place[2]), _Z, _X).first_moment())
+            at = place[0], place[1], place[2]
+            moment = np.stack(placed(limb.at(at, _Z, _X, np.nan), at, _Z, _X).first_moment())
         moment /= problem.mass_kg
         known = ~np.isnan(moment).any(axis=0)
         place, moment = place[:, known], moment[:, known]

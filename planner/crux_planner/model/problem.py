@@ -119,6 +119,11 @@ class CentroidalProblem:
     weights: Weights
     heading_rad: float  # of H in W
 
+    @property
+    def closed_form(self) -> bool:
+        """Whether limbs have closed-form kinematics: proofs and bounds are about these alone."""
+        return all(each.limb.closed_form for each in self.limb_masses)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Problem(CentroidalProblem):

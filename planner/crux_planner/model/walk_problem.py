@@ -112,6 +112,8 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         raise wrong(scenario, "holds", scenario.holds[0].name, "expected none with contact.model point")
     if scenario.contact.spine_shear_N or scenario.contact.spine_twist_Nm:
         raise wrong(scenario, "contact.spine_shear_N", "above 0", "expected 0: feet on the surface have no spines")
+    if not robot.closed_form:
+        raise wrong(scenario, "robot", robot.name, "expected limbs with closed-form kinematics: only they walk")
     walking = robot.walking
     body = BodyBounds(robot.body.height_m, robot.body.max_tilt_rad, walking.max_speed_m_s, walking.max_rate_rad_s)
     heading, start, goal = body_and_ends(scenario, body)

@@ -20,19 +20,15 @@ in the box.
 
 from __future__ import annotations
 
-import hashlib
-import io
-import os
-import tempfile
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from crux_contracts.robot import Limb
 
 from crux_planner.errors import InfeasibleError
-from crux_planner.model import kinematics
+from crux_planner.model import chain, kept, kinematics
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 
@@ -42,7 +38,9 @@ STRETCHED_M = 0.004  # kept of the polytope's edges: near a stretched limb so li
 _SMALLEST_HALF_M = 0.02  # a box smaller than this is no workspace
 _FINE_RAD = 0.005  # between joint angles that the outer set is computed from
 _ANGLES_DEG = (30.0, 60.0, 120.0, 150.0)  # of polytopes' edges beyond those of boxes
+CHAIN_GRID_M = 0.02  # the same of limbs without a closed form
 _DIRECTIONS = np.vstack([np.eye(3), *[[[np.cos(a), np.sin(a), 0.0]] for a in np.radians(_ANGLES_DEG)]])
+_PLAN = _DIRECTIONS[[0, 1, *range(3, len(_DIRECTIONS))], :2]  # of these, those in plan view
 _KINDS = ("box", "inner", "outer")  # in the file that keeps them, with
 _PARTS = ("directions", "middle_m", "extent_m", "max_tilt_rad", "above_m")
 _CORNER_ROUNDS = 100  # at most, of cutting corners off the inner polytope that are out of reach
@@ -113,26 +111,24 @@ class LimbReach:
 
 
 def limb_reach(limbs: Sequence[Limb], wanted: WorkspaceRange) -> LimbReach:
-    """Of limbs that are mirror images of one another; what was computed before is read from ~/.cache/crux/reach.
+    """Of all limbs; what was computed before is read from ~/.cache/crux/reach.
 
     Raises InfeasibleError where the limbs leave no acceptance box for the asked range of heights, tilt and yaw.
     """
     shape = [[v for k, v in sorted(vars(limb).items()) if k != "joints"] for limb in limbs]
     limits = [[limb.lower_rad, limb.upper_rad] for limb in limbs]
-    source = Path(__file__).read_bytes() + Path(kinematics.__file__).read_bytes()
-    with np.printoptions(floatmode="unique"):
-        key = hashlib.sha256(source + repr((shape, limits, wanted)).encode()).hexdigest()
-    kept = cache_folder() / f"{key}.npz"
     height, pads = wanted.body_height_m, wanted.pad_height_m
     grip_height_m = pads[0] - height[1], pads[1] - height[0]
-    if (whole := _kept(kept)) is not None:
-        with np.load(whole) as known:
-            boxes, inner, outer = (Reach(*(known[f"{kind}_{part}"][()] for part in _PARTS)) for kind in _KINDS)
-            return LimbReach(boxes, inner, outer, grip_height_m)
-    boxes = acceptance_boxes(limbs, wanted)
-    reach = LimbReach(boxes, _inner(limbs, wanted, boxes), _outer(limbs, wanted, grip_height_m), grip_height_m)
-    _keep(kept, {f"{kind}_{part}": getattr(getattr(reach, kind), part) for kind in _KINDS for part in _PARTS})
-    return reach
+
+    def compute() -> dict[str, Array]:
+        boxes = acceptance_boxes(limbs, wanted)
+        reaches = boxes, _inner(limbs, wanted, boxes), _outer(limbs, wanted, grip_height_m)
+        kinds = zip(_KINDS, reaches, strict=True)
+        return {f"{kind}_{part}": getattr(reach, part) for kind, reach in kinds for part in _PARTS}
+
+    known = kept.arrays((__file__, kinematics.__file__, chain.__file__), (shape, limits, wanted), compute)
+    boxes, inner, outer = (Reach(*(known[f"{kind}_{part}"] for part in _PARTS)) for kind in _KINDS)
+    return LimbReach(boxes, inner, outer, grip_height_m)
 
 
 def tilt_for(poses_rpy_rad: Sequence[Array], widest_rad: float) -> float:
@@ -142,54 +138,21 @@ def tilt_for(poses_rpy_rad: Sequence[Array], widest_rad: float) -> float:
     return min(max(LEVEL_RAD, _TILT_STEP_RAD * steps), widest_rad)
 
 
-def cache_folder() -> Path:
-    """~/.cache/crux/reach, or below $XDG_CACHE_HOME."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "crux" / "reach"
-
-
 def leaning_m(limb: Limb, tilt_rad: float) -> float:
     """How much higher or lower a body tilted beyond LEVEL_RAD has grippers half a limb's length off their shoulders."""
     lever = float(np.abs(limb.shoulder_b_m[:2]).max()) + (limb.upper_link_m + limb.lower_link_m) / 2
     return float(lever * max(tilt_rad - LEVEL_RAD, 0.0))
 
 
-_DIGEST = hashlib.sha256().digest_size
-
-
-def _kept(path: Path) -> io.BytesIO | None:
-    """What `_keep` wrote; None where it is not there, or not as it was written."""
-    try:
-        written = path.read_bytes()
-    except OSError:
-        return None
-    digest, content = written[:_DIGEST], written[_DIGEST:]
-    return io.BytesIO(content) if hashlib.sha256(content).digest() == digest else None
-
-
-def _keep(path: Path, arrays: dict[str, Array]) -> None:
-    """Whole, with its digest, or not at all; where the folder cannot be written, the next plan computes it again."""
-    content = io.BytesIO()
-    np.savez(content, **arrays)  # type: ignore[arg-type]
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(hashlib.sha256(content.getvalue()).digest() + content.getvalue())
-        Path(file.name).replace(path)
-    except OSError:
-        return
-
-
 def acceptance_boxes(limbs: Sequence[Limb], wanted: WorkspaceRange) -> Reach:
-    """The acceptance boxes of all limbs, mirror images of one another."""
-    low, high = _largest_box(limbs[0], wanted)
-    centre, half = (low + high) / 2, (high - low) / 2
-    boxes = box(centre * _mirror(limbs), half, wanted.max_tilt_rad)
-    corners = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1)
-    for limb, middle in zip(limbs[1:], boxes.centre_b_m[1:], strict=True):
-        if not reachable(limb, middle + corners * half, wanted).all():
-            text = "the limbs are not mirror images of the first one, their acceptance boxes would differ"
-            raise InfeasibleError("reach", text)
-    return boxes
+    """The acceptance boxes of all limbs, all of one size and height: of mirror images, those of the first."""
+    if limbs[0].closed_form:
+        low, high = _largest_box(limbs[0], wanted)
+        return box((low + high) / 2 * _mirror(limbs), (high - low) / 2, wanted.max_tilt_rad)
+    corners = np.array([_largest_box(limb, wanted) for limb in limbs])
+    corners[:, 1, 2] = corners[:, 1, 2].min()
+    centre, half = corners.mean(axis=1), (corners[:, 1] - corners[:, 0]).min(axis=0) / 2
+    return box(centre, half, wanted.max_tilt_rad)
 
 
 def _mirror(limbs: Sequence[Limb]) -> Array:
@@ -198,35 +161,46 @@ def _mirror(limbs: Sequence[Limb]) -> Array:
     return np.concatenate([signs * signs[0], np.ones((len(limbs), 1))], axis=1)
 
 
+def _grid_m(limb: Limb) -> float:
+    return GRID_M if limb.closed_form else CHAIN_GRID_M
+
+
 def _inner(limbs: Sequence[Limb], wanted: WorkspaceRange, boxes: Reach) -> Reach:
     """A convex set of what the limbs reach over all the box's heights, around the box."""
-    limb, centre, half = limbs[0], boxes.centre_b_m[0], boxes.half_m
-    side = np.sign(limb.shoulder_b_m[1])
-    span = limb.upper_link_m + limb.lower_link_m + GRID_M
-    x = limb.shoulder_b_m[0] + np.arange(-span, span, GRID_M)
-    y = side * np.arange(GRID_M / 2, abs(limb.shoulder_b_m[1]) + span, GRID_M)
-    z = np.linspace(centre[2] - half[2], centre[2] + half[2], int(np.ceil(2 * half[2] / GRID_M)) + 1)
+    if limbs[0].closed_form:
+        vertices, z = _inner_polygon(limbs[0], boxes.centre_b_m[0], boxes.half_m, wanted)
+        each = [vertices * mirror[:2] for mirror in _mirror(limbs)]
+    else:
+        polygons = [_inner_polygon(limb, boxes.centre_b_m[i], boxes.half_m, wanted) for i, limb in enumerate(limbs)]
+        each, z = [vertices for vertices, _ in polygons], polygons[0][1]
+    along = [vertices @ _PLAN.T for vertices in each]
+    lows = np.insert(np.array([a.min(axis=0) for a in along]), 2, z[0], axis=1)
+    highs = np.insert(np.array([a.max(axis=0) for a in along]), 2, z[-1], axis=1)
+    return Reach(_DIRECTIONS, (lows + highs) / 2, (highs - lows) / 2, wanted.max_tilt_rad)
+
+
+def _inner_polygon(limb: Limb, centre: Array, half: Array, wanted: WorkspaceRange) -> tuple[Array, Array]:
+    """Corners (v, 2) in plan view, and the heights looked at."""
+    side, grid = np.sign(limb.shoulder_b_m[1]), _grid_m(limb)
+    span = limb.upper_link_m + limb.lower_link_m + grid
+    x = limb.shoulder_b_m[0] + np.arange(-span, span, grid)
+    y = side * np.arange(grid / 2, abs(limb.shoulder_b_m[1]) + span, grid)
+    z = np.linspace(centre[2] - half[2], centre[2] + half[2], int(np.ceil(2 * half[2] / grid)) + 1)
     ok = reachable(limb, np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1), wanted).all(axis=2).ravel()
     points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    plan = _DIRECTIONS[[0, 1, *range(3, len(_DIRECTIONS))], :2]
     corners = centre[:2] + half[:2] * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
-    normals = np.vstack([plan, -plan])
+    normals = np.vstack([_PLAN, -_PLAN])
     most = np.zeros(0)
     for _ in range(_CORNER_ROUNDS):
         before, most = most, _polygon(points, ok, normals, corners)
         most = np.maximum(most - STRETCHED_M, (corners @ normals.T).max(axis=0))
-        vertices = _vertices(normals, most)  # mirrored for the other limbs
+        vertices = _vertices(normals, most)
         columns = np.column_stack([np.repeat(vertices, len(z), axis=0), np.tile(z, len(vertices))])
         beyond = vertices[~reachable(limb, columns, wanted).reshape(-1, len(z)).all(axis=1)]
         if len(beyond) == 0 or np.array_equal(most, before):  # none, or only where the box has them
             break
         points, ok = np.vstack([points, beyond]), np.append(ok, np.zeros(len(beyond), dtype=bool))
-    bounds = []
-    for mirror in _mirror(limbs):
-        along = (vertices * mirror[:2]) @ plan.T
-        bounds.append((along.min(axis=0), along.max(axis=0)))
-    lows, highs = (np.insert(np.array([b[i] for b in bounds]), 2, z[end], axis=1) for i, end in ((0, 0), (1, -1)))
-    return Reach(_DIRECTIONS, (lows + highs) / 2, (highs - lows) / 2, wanted.max_tilt_rad)
+    return vertices, z
 
 
 def _polygon(points: Array, ok: Flags, normals: Array, within: Array) -> Array:
@@ -263,6 +237,10 @@ def _vertices(normals: Array, most: Array) -> Array:
 def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange, grip_height_m: tuple[float, float]) -> Reach:
     """All places of wrists of grippers that grip: any yaw, the body's tilts, all but the wrist's joints in limits."""
     tilt, lows, highs = wanted.widest_tilt_rad, [], []
+    if not limbs[0].closed_form:  # no farther from the first joint than the limb is long
+        middle = np.array([limb.shoulder_b_m for limb in limbs]) @ _DIRECTIONS.T
+        longest = np.array([limb.longest_m for limb in limbs])
+        return Reach(_DIRECTIONS, middle, np.tile(longest[:, None], len(_DIRECTIONS)), tilt)
     above = {limb.wrist_to_gripper_m for limb in limbs}.pop()
     for limb in limbs:
         l1, l2 = limb.upper_link_m, limb.lower_link_m
@@ -300,6 +278,8 @@ def _largest_cos(angles: Array) -> Array:
 
 def reachable(limb: Limb, position_b_m: Array, wanted: WorkspaceRange) -> Flags:
     """Whether the gripper reaches positions (..., 3) for every corner of tilt and yaw, with margin to the limits."""
+    if not limb.closed_form:
+        return _reachable_by_chain(limb, position_b_m, wanted)
     ok = np.ones(position_b_m.shape[:-1], dtype=bool)
     low, high = wanted.gripper_yaw_rad
     for roll in (-wanted.max_tilt_rad, wanted.max_tilt_rad):
@@ -312,17 +292,32 @@ def reachable(limb: Limb, position_b_m: Array, wanted: WorkspaceRange) -> Flags:
     return ok
 
 
+def _reachable_by_chain(limb: Limb, position_b_m: Array, wanted: WorkspaceRange) -> Flags:
+    """The same, corner by corner of the places that are still in reach: the numeric inverse takes longer."""
+    low, high, tilt = *wanted.gripper_yaw_rad, wanted.max_tilt_rad
+    shape, places = position_b_m.shape[:-1], position_b_m.reshape(-1, 3)
+    left = np.arange(len(places))
+    for yaw, roll, pitch in itertools.product((low, high, (low + high) / 2), (-tilt, tilt), (-tilt, tilt)):
+        rotation = rotation_from_rpy(np.array([roll, pitch, 0.0])).T @ rotation_z(yaw)
+        q, reached = inverse(limb, places[left], rotation)
+        left = left[reached & (limit_margin(limb, q) >= JOINT_MARGIN_RAD)]
+    ok = np.zeros(len(places), dtype=bool)
+    ok[left] = True
+    return ok.reshape(shape)
+
+
 def _largest_box(limb: Limb, wanted: WorkspaceRange) -> tuple[Array, Array]:
     """Lower and upper corner of the largest box in the limb's own quadrant that holds every grasp height."""
     quadrant = np.sign(limb.shoulder_b_m[:2])
     span = limb.upper_link_m + limb.lower_link_m
+    grid = _grid_m(limb)
     # Kept half a grid step off the body's middle planes, so that boxes of two limbs never overlap.
-    x = np.arange(GRID_M / 2, abs(limb.shoulder_b_m[0]) + span, GRID_M)
-    y = np.arange(GRID_M / 2, abs(limb.shoulder_b_m[1]) + span, GRID_M)
+    x = np.arange(grid / 2, abs(limb.shoulder_b_m[0]) + span, grid)
+    y = np.arange(grid / 2, abs(limb.shoulder_b_m[1]) + span, grid)
     lean = leaning_m(limb, wanted.max_tilt_rad)
     bottom = wanted.pad_height_m[0] - wanted.body_height_m[1] - lean
     top = wanted.max_swing_height_m - wanted.body_height_m[0] + lean
-    z = np.linspace(bottom, top, int(np.ceil((top - bottom) / GRID_M)) + 1)
+    z = np.linspace(bottom, top, int(np.ceil((top - bottom) / grid)) + 1)
     inside_up_to = np.logical_and.accumulate(
         reachable(limb, np.stack(np.meshgrid(x * quadrant[0], y * quadrant[1], z, indexing="ij"), axis=-1), wanted),
         axis=2,

@@ -4,6 +4,7 @@ Moments are about the centre of mass c of the whole robot, limbs counted, which 
 grippers; c accelerates as the body's origin does.
 """
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -11,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.limb import NUMBERS, in_reach, placed
+from crux_planner.model.limb import in_reach, placed
 from crux_planner.model.problem import CentroidalProblem
 from crux_planner.model.walk_problem import WalkProblem
 
@@ -51,19 +52,22 @@ def next_pose(x: Any, dt: float) -> Any:
     return ca.vertcat(r + dt * v, theta + dt * euler_rates(theta, omega))
 
 
-def centre_of_mass(problem: CentroidalProblem, x: Any, hands: list[Any]) -> Any:
-    """(3,) in H for a body state and the grippers (x, y, z, yaw) (casadi)."""
+def centre_of_mass(problem: CentroidalProblem, x: Any, hands: list[Any], numbers: Sequence[Any] | None = None) -> Any:
+    """(3,) in H for a body state and the grippers (x, y, z, yaw) (casadi); `numbers` of the limbs where they are more
+    than LimbMasses has.
+    """
     to_b, moment = rotation(x[3:6]).T, ca.DM(problem.body_moment_kg_m)
-    for limb, hand in zip(problem.limb_masses, hands, strict=True):
+    given = [limb.numbers for limb in problem.limb_masses] if numbers is None else numbers
+    for own, hand in zip(given, hands, strict=True):
         axis = ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
-        moment += _first_moment()(limb.numbers, to_b @ (hand[0:3] - x[0:3]), to_b[:, 2], to_b @ axis)
+        moment += _first_moment(own.shape[0])(own, to_b @ (hand[0:3] - x[0:3]), to_b[:, 2], to_b @ axis)
     return x[0:3] + to_b.T @ (moment / problem.mass_kg)
 
 
 @cache
-def _first_moment() -> ca.Function:
+def _first_moment(size: int) -> ca.Function:
     """(numbers of a limb, its gripper's centre, z axis, opening axis), in the body frame -> first moment (3,)."""
-    numbers, *grip = (ca.SX.sym(*each) for each in (("numbers", NUMBERS), ("g", 3), ("up", 3), ("along", 3)))
+    numbers, *grip = (ca.SX.sym(*each) for each in (("numbers", size), ("g", 3), ("up", 3), ("along", 3)))
     gripper, up, along = ((v[0], v[1], v[2]) for v in grip)
     limb = placed(numbers, in_reach(numbers, gripper, up), up, along)
     return ca.Function("first_moment", [numbers, *grip], [ca.vertcat(*limb.first_moment())])

@@ -10,20 +10,21 @@ from typing import Any
 import casadi as ca
 from crux_contracts.robot_bounds import JOINTS
 
-from crux_planner.model.limb import NUMBERS, combined, cross, dot, placed
+from crux_planner.model.limb import NUMBERS, placed
+from crux_planner.model.placed_limb import combined, cross, dot
 from crux_planner.physics.dynamics import gripper_wrench, rotation
 
 INTERVAL_TORQUES = 2 * JOINTS
 
 
 @cache
-def joint_torques() -> ca.Function:
+def joint_torques(size: int = NUMBERS) -> ca.Function:
     """(numbers, pose, centre, axis, force, moment, gravity) -> torques (6,) [Nm] of a limb with LimbMasses' `numbers`
-    (36) at a body pose (6), its gripper at `centre` with opening axis `axis`, upright on the wall.
+    (`size`) at a body pose (6), its gripper at `centre` with opening axis `axis`, upright on the wall.
 
     `force` and `moment` act on the robot at the gripper's centre; all in H (casadi).
     """
-    numbers, pose = ca.SX.sym("numbers", NUMBERS), ca.SX.sym("pose", 6)
+    numbers, pose = ca.SX.sym("numbers", size), ca.SX.sym("pose", 6)
     names = ("centre", "axis", "force", "moment", "gravity")
     centre, axis, force, moment, gravity = arguments = [ca.SX.sym(name, 3) for name in names]
     r, theta = pose[:3], pose[3:]
@@ -47,7 +48,7 @@ def held_torques(numbers: Any, pose: Any, q: Any, grasp: Any, gravity: Any) -> A
     """Torques (6,) [Nm] of a limb (its `numbers`) that holds q by `grasp` (9): centre, axis, tangent (casadi)."""
     centre, axis, tangent = grasp[0:3], grasp[3:6], grasp[6:9]
     force, _ = gripper_wrench(q, centre, axis, tangent)
-    return joint_torques()(numbers, pose, centre, axis, force, 2 * q[2] * axis, gravity)
+    return joint_torques(numbers.shape[0])(numbers, pose, centre, axis, force, 2 * q[2] * axis, gravity)
 
 
 def _parts(v: Any) -> tuple[Any, Any, Any]:

@@ -33,10 +33,10 @@ _WINDOW = 8  # knots after the start and before the goal at which sets are asked
 def certify_bound(scenario: Scenario, robot: Robot, steps: int, cost: float) -> dict[str, Any]:
     """A certificate that no plan of so many steps that `crux check` accepts costs less than its `bound`.
 
-    It is at most `cost`, J of a plan as the checker counts it. Raises NotShownError (walks, starts in the air, walls
-    with more sets of grips than the checker looks at) and OutsideError.
+    It is at most `cost`, J of a plan as the checker counts it. Raises NotShownError (walks, starts in the air, others,
+    walls with more sets of grips than the checker looks at) and OutsideError.
     """
-    if scenario.contact.model != "patch" or scenario.start.air:
+    if scenario.contact.model != "patch" or scenario.start.air or not robot.closed_form:
         raise NotShownError(UNKNOWN)
     way = CheapestWay(scenario, robot, steps)
     return of_bound(way, robot, _Asked(scenario, robot, way).shown(cost), cost)

@@ -47,6 +47,9 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
     if scenario.start.air:
         expected = "not supported here; use Planner.plan"
         raise wrong(scenario, "start.air", ", ".join(scenario.start.air), expected)
+    if session.method != "auto" and not session.robot.closed_form:
+        expected = f"expected auto: the limbs of {session.robot.name} have no closed-form kinematics"
+        raise wrong(scenario, "planner.method", session.method, expected)
     with work.part("problem", 0.0):
         problem = build_problem(scenario, session.robot)
         equilibrium = StaticEquilibrium(problem, problem.friction_share)

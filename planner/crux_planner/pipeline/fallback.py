@@ -48,8 +48,12 @@ def farther(climb: Climb) -> Climb:
     return replace(climb, oracles=replace(climb.oracles, problem=problem, reachable=ReachableSet(problem)))
 
 
-def disproved(climb: Climb, none_near: InfeasibleError) -> Proof:
-    """What can be shown about the climb, where nothing quick shows that it has no plan; else raises InfeasibleError."""
+def disproved(climb: Climb, none_near: InfeasibleError) -> Proof | None:
+    """What can be shown about the climb, where nothing quick shows that it has no plan; else raises InfeasibleError.
+    None of limbs without closed-form kinematics: nothing is shown of these.
+    """
+    if not climb.problem.closed_form:
+        return None
     proof = Proof(climb.session.scenario, climb.session.robot, climb.problem)
     with climb.work.part("proof", 0.1):
         impossible = proof.quick() or proof.goal_equilibrium(GOAL_PROOF, climb.session.deadline)
@@ -61,13 +65,13 @@ def disproved(climb: Climb, none_near: InfeasibleError) -> Proof:
     return proof
 
 
-def plan_wider(climb: Climb, none_level: InfeasibleError, proof: Proof, further: bool = False) -> PlanResult:
+def plan_wider(climb: Climb, none_level: InfeasibleError, proof: Proof | None, further: bool = False) -> PlanResult:
     """A plan with other headings or off-centre grasps. Raises InfeasibleError, the level problem's if unproven.
 
     Where the search goes `further`, no long proof follows.
     """
     work = climb.work
-    none_level = proof.instead_of(none_level)
+    none_level = none_level if proof is None else proof.instead_of(none_level)
     if none_level.constraint == "horizon":
         raise none_level  # what follows takes longer still
     found = plan_turning(climb, looks(climb))
@@ -77,7 +81,7 @@ def plan_wider(climb: Climb, none_level: InfeasibleError, proof: Proof, further:
             bound = lower_bound(replace(wide, steps=result.steps), (1.0 - AIM) * result.cost, PATIENCE_S, effort=EFFORT)
             result.gap = gap(result.cost, bound)
         return result
-    if further:
+    if further or proof is None:
         raise none_level
     with work.part("proof", 0.9):
         impossible = proof.disconnected(LAST_PROOF, climb.session.deadline)

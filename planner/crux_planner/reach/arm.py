@@ -20,7 +20,9 @@ from crux_contracts.robot import Limb, Robot
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import wrap_near
 from crux_planner.reach import native, outer, solids
+from crux_planner.reach.chain_reach import ChainReach
 from crux_planner.reach.poses import GripperPoses
+from crux_planner.reach.protocol import Reach
 from crux_planner.reach.sector import Sector
 from crux_planner.reach.solids import NOTHING, Links, Solids
 
@@ -206,14 +208,7 @@ class ArmReach:
 
     def off_trunk(self, poses: GripperPoses) -> Flags:
         """(n,) whether all links keep off the trunk, for poses (n,) within the links' reach."""
-        clear, links = np.ones(poses.shape, dtype=bool), self.links(poses)
-        for index in range(len(self.keep_off.links)):
-            start, end = links.start_m[:, index], links.end_m[:, index]
-            need = np.full(len(start), links.radius_m[index] + self.clear_m)
-            for box in self.keep_off.trunk:
-                some = np.flatnonzero(clear & ~solids.apart(box, start, end, need))
-                clear[some] = solids.gap_m((box,), start[some], end[some]) >= need[some]
-        return clear
+        return solids.off_trunk(self.keep_off, self.links(poses), self.clear_m)
 
     def _within_limits(self, found: Posture, yaw_rad: Array) -> Flags:
         azimuth, upper, pitch = self.sectors
@@ -244,16 +239,21 @@ class ArmReach:
         return [*zip((shoulder, elbow, wrist, wrist), turns, strict=True), (place, hand), yawed]
 
 
-_KNOWN: dict[tuple[str, float, float], tuple[ArmReach, ...]] = {}
+_KNOWN: dict[tuple[str, float, float], tuple[Reach, ...]] = {}
 
 
-def reaches_of(robot: Robot, margin_rad: float = MARGIN_RAD, clear_m: float = CLEAR_M) -> tuple[ArmReach, ...]:
-    """Of all limbs of a robot, in limb order; once a process for robots of one hash."""
+def reaches_of(robot: Robot, margin_rad: float = MARGIN_RAD, clear_m: float = CLEAR_M) -> tuple[Reach, ...]:
+    """Of all limbs of a robot, in limb order; once a process for robots of one hash. By ArmReach where limbs have a
+    closed form, else by ChainReach.
+    """
     key = robot.hash, margin_rad, clear_m
     if key not in _KNOWN:
-        made = []
+        made: list[Reach] = []
         for limb in robot.limbs:
-            shapes = [solids.solids(robot, limb, around=around) for around in (True, False)]
-            made.append(ArmReach(limb, margin_rad, clear_m, *shapes))
+            outside, inside = (solids.solids(robot, limb, around=around) for around in (True, False))
+            if limb.closed_form:
+                made.append(ArmReach(limb, margin_rad, clear_m, outside, inside))
+            else:
+                made.append(ChainReach(limb, margin_rad, clear_m, outside))
         _KNOWN[key] = tuple(made)
     return _KNOWN[key]

@@ -1,19 +1,30 @@
 """What a limb's reach answers, whatever its joints are.
 
-`crux_planner.reach.arm.ArmReach` answers in closed form, for limbs that yaw, pitch and pitch, with a spherical wrist.
+`crux_planner.reach.arm.ArmReach` answers in closed form, for limbs that yaw, pitch and pitch, with a spherical wrist;
+`crux_planner.reach.chain_reach.ChainReach` for any other six revolute joints.
 """
 
 from __future__ import annotations
 
 from typing import Protocol
 
+from crux_contracts.robot import Limb
+
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.reach.poses import GripperPoses
-from crux_planner.reach.solids import Links
+from crux_planner.reach.solids import Links, Solids
 
 
 class Reach(Protocol):
     """One limb of one robot."""
+
+    @property
+    def limb(self) -> Limb:
+        """Its description."""
+
+    @property
+    def keep_off(self) -> Solids:
+        """The shapes that keep off each other."""
 
     def reaches(self, poses: GripperPoses) -> Flags:
         """Inner map, of the poses' shape: joints stay off their limits by a margin, links off the trunk by a clearance.

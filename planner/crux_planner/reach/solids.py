@@ -60,6 +60,10 @@ def solids(robot: Robot, limb: Limb, *, around: bool) -> Solids:
         shapes = link_shapes(links[joint.child])
         capsules += [_capsule(shape, frame, around, np.eye(3), np.zeros(3)) for shape in shapes]
     back, down = rotation_z(-limb.gripper_mount_rad), np.array([0.0, 0.0, limb.wrist_to_gripper_m])
+    if not limb.closed_form:
+        zero = limb.at_zero
+        to_gripper = zero.gripper_rotation.T
+        back, down = to_gripper @ zero.rotations[5], to_gripper @ (zero.points_m[5] - zero.gripper_m)
     hand = [(limb.joints[5].child, back, down), (limb.gripper_link, np.eye(3), np.zeros(3))]
     for name in limb.finger_joints:
         slide = robot.urdf.joints[name]
@@ -91,6 +95,18 @@ def gap_m(trunk: tuple[Box, ...], start_m: Array, end_m: Array) -> Array:
         start, end = (start_m - box.centre_m) @ box.rotation, (end_m - box.centre_m) @ box.rotation
         np.minimum(found, _to_box(start, end, box.half_m), out=found)
     return found
+
+
+def off_trunk(shapes: Solids, links: Links, clear_m: float) -> Flags:
+    """(n,) whether all links of a limb that may meet the trunk keep off it."""
+    clear = np.ones(len(links.start_m), dtype=bool)
+    for index in range(len(shapes.links)):
+        start, end = links.start_m[:, index], links.end_m[:, index]
+        need = np.full(len(start), links.radius_m[index] + clear_m)
+        for box in shapes.trunk:
+            some = np.flatnonzero(clear & ~apart(box, start, end, need))
+            clear[some] = gap_m((box,), start[some], end[some]) >= need[some]
+    return clear
 
 
 def apart(box: Box, start_m: Array, end_m: Array, by_m: Array) -> Flags:

@@ -16,8 +16,8 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Goal, Pose, Problem
 from crux_planner.model.schedule import Stance
-from crux_planner.reach.arm import ArmReach
 from crux_planner.reach.poses import GripperPoses
+from crux_planner.reach.protocol import Reach
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.swing.swing_cache import SwingCache
 
@@ -51,7 +51,7 @@ def aimed(problem: Problem, tried: Sequence[Flags] = ()) -> tuple[Problem, Flags
     return replace(_aimed_at(problem, position[best], rpy[best]), turns=True), reached[best]
 
 
-def level_aims(problem: Problem, reaches: Sequence[ArmReach]) -> Iterator[Problem]:
+def level_aims(problem: Problem, reaches: Sequence[Reach]) -> Iterator[Problem]:
     """The problem with goal poses, turned but not tilted off the goal's, that leave every limb holds by its map: those
     first that leave most, each with contacts in reach that none before has.
     """

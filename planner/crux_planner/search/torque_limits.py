@@ -18,7 +18,6 @@ from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.contacts import Contact
-from crux_planner.model.limb import NUMBERS
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Contacts
 from crux_planner.physics.torque import joint_torques
@@ -27,6 +26,8 @@ from crux_planner.solvers.mapped import Mapped
 
 SLACK = 1.1  # of the NLP's limits: its body may tilt
 _ROUNDS = 3  # of linearising torques about where the body came to be
+_UP = (0.0, 0.0, 1.0)
+_GRIP = 15  # numbers of a grip: place, centre, axis, tangent, gravity
 _MOVED_M = 0.005  # torques are taken as exact so near to where they were linearised
 
 
@@ -113,9 +114,12 @@ class TorqueLimits(StaticEquilibrium):
         contacts = [self.problem.contacts[index] for index in support]
         for contact, limb in zip(contacts, limbs or self._likely_limbs(contacts, place), strict=True):
             grip = (place, contact.centre_h_m, contact.axis, contact.tangent, self.gravity_h)
-            given.append(np.concatenate([self.problem.limb_masses[limb].numbers, *grip]))
+            off, axis = contact.centre_h_m - place, contact.axis
+            numbers = self.problem.limb_masses[limb].at((off[0], off[1], off[2]), _UP, (axis[0], axis[1], axis[2]))
+            given.append(np.concatenate([numbers, *grip]))
             limits.append(self.limits_Nm[limb])
-        return list(zip(*_torque_map()(np.array(given)), limits, strict=True))
+        size = len(given[0]) - _GRIP
+        return list(zip(*_torque_map(size)(np.array(given)), limits, strict=True))
 
     def _likely_limbs(self, contacts: list[Contact], place: Array) -> list[int]:
         """Which limb is on each contact, by where it is."""
@@ -139,13 +143,16 @@ class TorqueLimits(StaticEquilibrium):
 
 
 @cache
-def _torque_map() -> Mapped:
-    """(a limb's numbers, place, centre, axis, tangent, gravity) -> A (6, 4), b (6,): torques A @ (s1, s2, m, F) + b."""
-    given, w = ca.SX.sym("given", NUMBERS + 15), ca.SX.sym("w", 4)
-    ends = [0, *range(NUMBERS, NUMBERS + 18, 3)]
+def _torque_map(size: int) -> Mapped:
+    """(a limb's numbers (size,), place, centre, axis, tangent, gravity) -> A (6, 4), b (6,).
+
+    Torques are A @ (s1, s2, m, F) + b.
+    """
+    given, w = ca.SX.sym("given", size + _GRIP), ca.SX.sym("w", 4)
+    ends = [0, *range(size, size + _GRIP + 3, 3)]
     numbers, place, centre, axis, tangent, gravity = ca.vertsplit(given, ends)
     force = 2 * w[0] * tangent + 2 * w[1] * ca.DM([0, 0, 1]) + w[3] * axis
     pose = ca.vertcat(place, ca.DM.zeros(3))
-    torques = joint_torques()(numbers, pose, centre, axis, force, 2 * w[2] * axis, gravity)
+    torques = joint_torques(size)(numbers, pose, centre, axis, force, 2 * w[2] * axis, gravity)
     still = ca.substitute(torques, w, ca.DM.zeros(4))
     return Mapped("torque_map", [given], [ca.jacobian(torques, w), still])

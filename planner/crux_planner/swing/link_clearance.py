@@ -1,14 +1,17 @@
 """(14) for links: whether limbs keep off cuboids that stand as high as they reach down, before anything is solved.
 
-A limb is three capsules, from shoulder to elbow, wrist and palm, where the closed-form inverse kinematics has them for
-a level body. Only cuboids higher than a palm's lowest place can be in their way: on most walls there are none.
+A limb is three capsules, from shoulder to elbow, wrist and palm, where the inverse kinematics has them for a level
+body; one without a closed form is capsules from joint to joint. Only cuboids higher than a palm's lowest place can be
+in their way: on most walls there are none.
 """
 
 from itertools import pairwise
 
 import numpy as np
+from crux_contracts.robot import Limb
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.chain import forward
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import inverse, rotation_z
 from crux_planner.model.problem import Problem
@@ -82,6 +85,8 @@ class LinkClearance:
         if not len(self.tall.near(np.concatenate([shoulders - out, shoulders + out, grippers[:, :2]]), margin).yaw_rad):
             return np.full(len(bodies), np.inf)
         q, _ = inverse(model, place, rotation_z(grippers[:, 3]))
+        if not model.closed_form:
+            return self._chain_gap(model, q, bodies, grippers)
         azimuth = q[:, 0] + model.mount_rad
         out = np.stack([np.cos(azimuth) * np.cos(q[:, 1]), np.sin(azimuth) * np.cos(q[:, 1]), np.sin(q[:, 1])], axis=1)
         shoulder = bodies + model.shoulder_b_m
@@ -97,6 +102,18 @@ class LinkClearance:
             for (a, b), radius in zip(pairwise(corners), self._radii, strict=True)
         ]
         return np.asarray(np.min(gaps, axis=0))
+
+    def _chain_gap(self, model: Limb, q_rad: Array, bodies: Array, grippers: Array) -> Array:
+        """The same of a limb without a closed form: straight from joint to joint and to the palm, as thick as its
+        thickest link.
+        """
+        palm = grippers[:, :3] + np.array([0.0, 0.0, self.problem.shape.finger_height])
+        joints = bodies + forward(model.at_zero, q_rad).points_m.transpose(0, 2, 1)
+        gaps = [
+            self.tall.distance(a[:, None] + _ALONG[:, None] * (b - a)[:, None]).min(axis=(1, 2))
+            for a, b in pairwise([*joints, palm])
+        ]
+        return np.asarray(np.min(gaps, axis=0) - max(self._radii))
 
 
 def _along(swing: Swing) -> Array:

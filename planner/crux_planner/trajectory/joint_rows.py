@@ -2,8 +2,8 @@
 
 Rows of a limb, of the body's pose and an upright gripper's: joint 1, joint 2, the cosine of joint 3 (the wrist's
 distance: it is defined beyond reach, too), joint 4, the sine of joint 5, and joint 6, not wrapped. They are smooth
-wherever the wrist is not above the shoulder. Further rows keep links off the trunk and off other limbs' by planes
-(`link_planes`) that separate them on the body's first path.
+wherever the wrist is not above the shoulder. Of limbs without a closed form they are the joints' angles. Further rows
+keep links off the trunk and off other limbs' by planes (`link_planes`) that separate them on the body's first path.
 """
 
 from __future__ import annotations
@@ -18,11 +18,14 @@ import numpy as np
 from crux_contracts.robot import Limb
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.chain_limb import followed, way_in
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import body_bounds
 from crux_planner.physics.dynamics import rotation
-from crux_planner.reach.arm import ArmReach
+from crux_planner.reach.chain_reach import LINK_OF
+from crux_planner.reach.protocol import Reach
+from crux_planner.reach.solids import HAND
 from crux_planner.solvers.mapped import Mapped
 from crux_planner.trajectory.link_planes import OFF_M, Ends, Planes, farthest_clear, planes_about, unpacked
 from crux_planner.trajectory.stage_functions import POSE, StageFunctions
@@ -55,7 +58,7 @@ class JointLimits:
 class JointFunctions(StageFunctions):
     """The stage functions with joint limits for (9a)."""
 
-    reaches: tuple[ArmReach, ...]
+    reaches: tuple[Reach, ...]
     limits: JointLimits
     _known: dict[int, tuple[Schedule, Planes]] = field(default_factory=dict)
 
@@ -83,10 +86,12 @@ class JointFunctions(StageFunctions):
         """Joints' rows (24,) and the ends' places, one after the other, with derivatives, at (n, 12), hands (n, 16) and
         multipliers.
         """
-        x, hands = ca.SX.sym("x", BODY_STATES), ca.SX.sym("hands", 16)
-        joints, places = [], []
+        x, hands = ca.SX.sym("x", BODY_STATES), ca.SX.sym("hands", self.hand_numbers)
+        joints, places, numbers = [], [], self.limb_numbers(hands)
         for i, reach in enumerate(self.reaches):
-            angles, frames = _posture(reach.limb, x[0:3], x[3:6], hands[4 * i : 4 * i + 4])
+            at = x[0:3], x[3:6], hands[4 * i : 4 * i + 4]
+            closed = reach.limb.closed_form
+            angles, frames = _posture(reach.limb, *at) if closed else _chain_posture(reach.limb, numbers[i], *at)
             joints.append(angles)
             for frame, place in self.ends.of_limb[i]:
                 origin, *axes = frames[frame]
@@ -106,7 +111,7 @@ class JointFunctions(StageFunctions):
         np.add.at(on_ends, (at, one), weighed)
         np.add.at(on_ends, (at, other), -weighed)
         given = np.concatenate([multiplier[:, :first], on_ends[:, :count].reshape(knots, -1)], axis=1)
-        values, slopes, hessian = self._placed(body, grippers[:, :16], given)
+        values, slopes, hessian = self._placed(body, self.with_seeds(body, grippers[:, :16]), given)
         places, moved = np.zeros((knots, count + 1, 3)), np.zeros((knots, count + 1, 3, POSE))
         places[:, :count] = values[:, first:].reshape(knots, count, 3)
         moved[:, :count] = slopes[:, first:].reshape(knots, count, 3, POSE)
@@ -209,9 +214,27 @@ def _posture(limb: Limb, r: Any, theta: Any, hand: Any) -> tuple[Any, list[tuple
     return ca.vertcat(q1, q2, c3, q4, -ca.dot(side, up), q6), frames
 
 
+def _chain_posture(
+    limb: Limb, numbers: Any, r: Any, theta: Any, hand: Any
+) -> tuple[Any, dict[int, tuple[Any, Any, Any, Any]]]:
+    """The same of a limb without a closed form, whose `numbers` have what its kinematics start from (casadi)."""
+    back = rotation(theta).T
+    place, up = back @ (hand[0:3] - r), back[:, 2]
+    along = back @ ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
+    angles, origins, _, turned = followed(numbers, *((v[0], v[1], v[2]) for v in (place, up, along)))
+    frames = {HAND: (place, along, ca.cross(up, along), up)}
+    for frame, i in LINK_OF.items():
+        axes = (way_in(turned[i], tuple(axis)) for axis in limb.at_zero.rotations[i].T)
+        origin, x, y, z = (ca.vertcat(*v) for v in (origins[i], *axes))
+        frames[frame] = origin, x, y, z
+    return ca.vertcat(*angles), frames
+
+
 def _limits(limb: Limb, margin_rad: Array) -> tuple[Array, Array]:
     """(N, 6) least and most of the joints' rows, with margins (N, 6)."""
     low, high = limb.lower_rad + margin_rad, limb.upper_rad - margin_rad
+    if not limb.closed_form:
+        return low, high
     low[:, 2], high[:, 2] = np.cos(high[:, 2]), np.cos(low[:, 2])
     low[:, 4], high[:, 4] = np.sin(low[:, 4]), np.sin(high[:, 4])
     return low, high

@@ -16,9 +16,9 @@ import numpy as np
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.reach import solids
-from crux_planner.reach.arm import ArmReach
 from crux_planner.reach.between import gap_m, way_between
 from crux_planner.reach.poses import GripperPoses
+from crux_planner.reach.protocol import Reach
 from crux_planner.reach.solids import HAND, Links
 
 OFF_M = 0.0045  # of links: half as much again as the check asks for
@@ -57,7 +57,7 @@ def unpacked(packed: Array) -> tuple[Array, Indices, Indices]:
 class Ends:
     """Of all capsules of all limbs, numbered; a ball has one."""
 
-    def __init__(self, reaches: tuple[ArmReach, ...]) -> None:
+    def __init__(self, reaches: tuple[Reach, ...]) -> None:
         self.reaches = reaches
         self.of_limb: list[list[tuple[int, Array]]] = []
         """Frame of the capsule, and place in it."""
@@ -99,7 +99,7 @@ def planes_about(ends: Ends, path: Array, hands: Array, apart_m: Array) -> Plane
     return Planes(normals, numbers[0][order], numbers[1][order], np.take_along_axis(least, order, axis=1))
 
 
-def farthest_clear(reaches: tuple[ArmReach, ...], path: Array, body: Array, hands: Array, apart_m: Array) -> Array:
+def farthest_clear(reaches: tuple[Reach, ...], path: Array, body: Array, hands: Array, apart_m: Array) -> Array:
     """Of body poses (N, 6) on the straight way from a path's to others, the last of some at which links keep off the
     trunk and off each other, which they do on the path.
     """
@@ -115,7 +115,7 @@ def farthest_clear(reaches: tuple[ArmReach, ...], path: Array, body: Array, hand
     return found
 
 
-def _off_trunk_m(reach: ArmReach, links: Links) -> Array:
+def _off_trunk_m(reach: Reach, links: Links) -> Array:
     """(N,) of the links that do not turn on the trunk."""
     ends = zip(*(np.swapaxes(each, 0, 1) for each in (links.start_m, links.end_m)), links.radius_m, strict=True)
     turning = itertools.islice(ends, len(reach.keep_off.links))

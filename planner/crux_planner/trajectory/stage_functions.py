@@ -15,6 +15,8 @@ import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.chain_limb import CHAIN, SEED
+from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.limb import NUMBERS
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
@@ -31,8 +33,9 @@ SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a litt
 COLUMN = WRENCH_INPUTS + 3
 POSE = 6  # of the body's states: position and orientation
 _WRENCH = 6
-_TorqueGiven = tuple[tuple[float, ...], tuple[float, ...], float]
-"""Units of q, gravity and the length of an interval: all that torques depend on beside their functions' arguments."""
+_TorqueGiven = tuple[tuple[float, ...], tuple[float, ...], float, bool]
+"""Units of q, gravity, the length of an interval, and whether limbs have a closed form: all that torques depend on
+beside their functions' arguments."""
 _WALLS = 8  # slopes and intervals whose functions of torques are kept: they take a fifth of a plan's time to make
 
 
@@ -68,7 +71,7 @@ class StageFunctions:
         """The functions of a problem that differs in its start alone: of all equations only (8b)'s inertia does."""
         other = StageFunctions(problem)
         for name, made in vars(StageFunctions).items():
-            if isinstance(made, cached_property) and name != "step":
+            if isinstance(made, cached_property) and name != "_step":
                 other.__dict__[name] = getattr(self, name)  # made once, here
         return other
 
@@ -88,7 +91,8 @@ class StageFunctions:
         for pose, slope, z in zip(poses, (first, by_state), np.split(multiplier, 2, axis=1), strict=True):
             by = np.zeros((len(limbs), POSE + WRENCH_INPUTS, found.shape[-1]))
             by[:, :POSE, :BODY_STATES], by[:, POSE:, BODY_STATES:] = slope, np.eye(WRENCH_INPUTS)
-            curvature = _torque_curvature(self._torque_given)(pose, q, grasps, self.numbers[limbs], z)[0]
+            numbers = self._numbers_at(limbs, pose, grasps)
+            curvature = _torque_curvature(self._torque_given)(pose, q, grasps, numbers, z)[0]
             found += by.swapaxes(-1, -2) @ curvature @ by
         return found
 
@@ -97,14 +101,40 @@ class StageFunctions:
         """m of `surface`."""
         return int(self.surface.function.size1_out(0))
 
-    @cached_property
-    def step(self) -> Mapped:
+    def step(self, body: Array, totals: Array, hands: Array, multipliers: Array) -> Any:
         """F, dF/dx, dF/dW, d2(lF)/dx2, d2(lF)/dxdW at (n, 12), (n, 6), grippers' places and yaws (n, 16), (n, 12).
 
         Second derivatives take the centre of mass as linear in the pose.
         """
+        return self._step(body, totals, self.with_seeds(body, hands), multipliers)
+
+    @property
+    def hand_numbers(self) -> int:
+        """Of four hands: 16, and where there is no closed form what kinematics start from."""
+        return 16 if self.problem.closed_form else 16 + 4 * SEED
+
+    def with_seeds(self, body: Array, hands: Array) -> Array:
+        """(n, `hand_numbers`) of body states (n, 12) and hands (n, 16) x, y, z and yaw."""
+        if self.problem.closed_form:
+            return hands
+        seeds = []
+        for limb, hand in enumerate(np.split(hands, 4, axis=1)):
+            axis = np.stack([np.cos(hand[:, 3]), np.sin(hand[:, 3]), np.zeros(len(hand))], axis=1)
+            limbs = np.full(len(hand), limb)
+            seeds.append(self._numbers_at(limbs, body[:, :POSE], np.hstack([hand[:, :3], axis]))[:, CHAIN:])
+        return np.hstack([hands, *seeds])
+
+    def limb_numbers(self, hands: Any) -> list[Any]:
+        """What kinematics take of each limb, of such hands (casadi)."""
+        own = [ca.DM(limb.numbers) for limb in self.problem.limb_masses]
+        if self.problem.closed_form:
+            return own
+        return [ca.vertcat(*each) for each in zip(own, ca.vertsplit(hands[16:], SEED), strict=True)]
+
+    @cached_property
+    def _step(self) -> Mapped:
         p = self.problem
-        sizes = {"x": BODY_STATES, "w": _WRENCH, "hands": 16, "l": BODY_STATES}
+        sizes = {"x": BODY_STATES, "w": _WRENCH, "hands": self.hand_numbers, "l": BODY_STATES}
         x, total, hands, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
         at, by_pose, pose = ca.SX.sym("c", 3), ca.SX.sym("slope", 3, POSE), ca.SX.sym("at", POSE)
         step = euler_step(x, total[0:3], total[3:6], at + by_pose @ (x[:POSE] - pose), p)
@@ -112,7 +142,7 @@ class StageFunctions:
         outputs = [step, ca.jacobian(step, x), ca.jacobian(step, total), ca.jacobian(slope, x)]
         outputs.append(ca.jacobian(slope, total))
         linear = ca.Function("linear", [x, total, multiplier, at, by_pose, pose], outputs)
-        centre = centre_of_mass(p, x, ca.vertsplit(hands, 4))
+        centre = centre_of_mass(p, x, ca.vertsplit(hands[:16], 4), self.limb_numbers(hands))
         by_pose = ca.jacobian(centre, x)[:, :POSE]
         return Mapped("step", arguments, linear(x, total, multiplier, centre, by_pose, x[:POSE]))
 
@@ -144,17 +174,39 @@ class StageFunctions:
         return Mapped("surface", [u, fingers, multiplier], [slack, ca.jacobian(slack, u), hessian])
 
     @cached_property
-    def numbers(self) -> Array:
-        """(4, 36) of the limbs."""
+    def _numbers(self) -> Array:
+        """(4, 36) of the limbs, or (4, 76)."""
         return np.array([limb.numbers for limb in self.problem.limb_masses])
+
+    def numbers_over(self, limbs: Indices, body: Array, grasps: Array) -> Array:
+        """(n, 36) or (n, 160) that torques of limbs (n,) over intervals need, at body states (n, 12) and grasps."""
+        if self.problem.closed_form:
+            return self._numbers[limbs]
+        then = _next_poses(self.problem.dt_s)(body)[0]
+        first, second = (self._numbers_at(limbs, poses, grasps) for poses in (body[:, :POSE], then))
+        return np.hstack([first, second[:, CHAIN:]])
+
+    def _numbers_at(self, limbs: Indices, poses: Array, grasps: Array) -> Array:
+        """(n, 36) or (n, 118) of limbs (n,) at body poses (n, 6), grippers' centre and axis first in `grasps`."""
+        if self.problem.closed_form:
+            return self._numbers[limbs]
+        to_b = np.swapaxes(rotation_from_rpy(poses[:, 3:]), 1, 2)
+        off = (to_b @ (grasps[:, :3] - poses[:, :3])[..., None])[..., 0].T
+        axis, up = (to_b @ grasps[:, 3:6, None])[..., 0].T, to_b[:, :, 2].T
+        found = np.zeros((len(limbs), CHAIN + SEED))
+        for limb, masses in enumerate(self.problem.limb_masses):
+            at = np.flatnonzero(limbs == limb)
+            gripper, upward, along = ((v[0, at], v[1, at], v[2, at]) for v in (off, up, axis))
+            found[at] = masses.at(gripper, upward, along).T
+        return found
 
     @cached_property
     def _torque_given(self) -> _TorqueGiven:
-        return tuple(self.scale), tuple(self.problem.gravity_h), self.problem.dt_s
+        return tuple(self.scale), tuple(self.problem.gravity_h), self.problem.dt_s, self.problem.closed_form
 
     @property
     def torque_values(self) -> Mapped:
-        """Joint torques (n, 12) at both ends of intervals, at body states, q, grasps and `numbers` of limbs."""
+        """Joint torques (n, 12) at both ends of intervals, at body states, q, grasps and `numbers_over` intervals."""
         return _torque_values(self._torque_given)
 
     @property
@@ -185,11 +237,21 @@ class StageFunctions:
 
 @lru_cache(_WALLS)
 def _torque_values(given: _TorqueGiven) -> Mapped:
-    scale, gravity_h, dt_s = given
-    sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS}
+    scale, gravity_h, dt_s, closed_form = given
+    sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS if closed_form else CHAIN + 2 * SEED}
     x, q, grasp, numbers = arguments = [ca.SX.sym(*each) for each in sizes.items()]
     poses, load = (x[:POSE], next_pose(x, dt_s)), (q * np.array(scale), grasp, np.array(gravity_h))
-    return Mapped("torque_values", arguments, [ca.vertcat(*[held_torques(numbers, pose, *load) for pose in poses])])
+    first, second = numbers, numbers
+    if not closed_form:
+        first, second = numbers[: CHAIN + SEED], ca.vertcat(numbers[:CHAIN], numbers[CHAIN + SEED :])
+    ends = [held_torques(own, pose, *load) for own, pose in zip((first, second), poses, strict=True)]
+    return Mapped("torque_values", arguments, [ca.vertcat(*ends)])
+
+
+@lru_cache(_WALLS)
+def _next_poses(dt_s: float) -> Mapped:
+    x = ca.SX.sym("x", BODY_STATES)
+    return Mapped("next_poses", [x], [next_pose(x, dt_s)])
 
 
 @lru_cache(_WALLS)
@@ -203,8 +265,9 @@ def _torques(given: _TorqueGiven) -> Mapped:
 @lru_cache(_WALLS)
 def _torque_curvature(given: _TorqueGiven) -> Mapped:
     """Hessian (n, 11, 11) of multipliers (n, 6) times the torques of limbs at body poses (n, 6)."""
-    scale, gravity_h, _ = given
-    sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS, "z": 6}
+    scale, gravity_h, _, closed_form = given
+    count = NUMBERS if closed_form else CHAIN + SEED
+    sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": 9, "numbers": count, "z": 6}
     pose, q, grasp, numbers, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
     torques = held_torques(numbers, pose, q * np.array(scale), grasp, np.array(gravity_h))
     hessian = ca.hessian(ca.dot(multiplier, torques), ca.vertcat(pose, q))[0]

@@ -179,8 +179,9 @@ class StageProblem:
     def torque_shares(self, body: Array, columns: Array) -> dict[tuple[int, int], float]:
         """Largest joint torque over its limit in a knot's interval, per knot and limb in stance."""
         knots, limbs = held = np.nonzero(self.stance)
-        at = body[knots], columns[held][:, :WRENCH_INPUTS], self.grasps[held], self.functions.numbers[limbs]
-        torques = self.functions.torque_values(*at)[0]
+        grasps = self.grasps[held]
+        numbers = self.functions.numbers_over(limbs, body[knots], grasps)
+        torques = self.functions.torque_values(body[knots], columns[held][:, :WRENCH_INPUTS], grasps, numbers)[0]
         used = (np.abs(torques) / np.tile(self.problem.torque_limits_Nm[limbs], 2)).max(axis=1)
         return dict(zip(zip(knots.tolist(), limbs.tolist(), strict=True), used.tolist(), strict=True))
 
@@ -220,7 +221,7 @@ class StageProblem:
         torques, torque_slopes = np.zeros((0, 0)), np.zeros((0, INTERVAL_TORQUES, BODY_STATES + WRENCH_INPUTS))
         if len(limbs):
             held = q[self.limited], self.grasps[self.limited]
-            torques, torque_slopes = f.torques(body[limited], *held, f.numbers[limbs])
+            torques, torque_slopes = f.torques(body[limited], *held, f.numbers_over(limbs, body[limited], held[1]))
             if near:
                 poses = body[limited, :POSE], step[limited, :POSE]
                 bent = f.torque_hessian(limbs, poses, state_map[limited, :POSE], *held, -on_torques)

@@ -1,5 +1,5 @@
 // What planner and runtime stand on beyond the form of a URDF, with the checks of crux_contracts.robot_rules in their
-// order: a tree of bodies with masses, four mirrored limbs of one kind, fingers that close along the gripper's x.
+// order: a tree of bodies with masses, four limbs of six revolute joints, fingers that close along the gripper's x.
 #pragma once
 
 #include <array>

@@ -11,7 +11,7 @@ from crux_contracts.robot import Robot
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
 from crux_planner.errors import InfeasibleError
-from crux_planner.model import workspace
+from crux_planner.model import kept, workspace
 from crux_planner.model.build import reach_of
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.model.workspace import (
@@ -164,26 +164,26 @@ def test_what_a_robot_reaches_is_computed_once(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     reach_of(robot, reach.inner.max_tilt_rad)
-    (kept,) = workspace.cache_folder().iterdir()
+    (file,) = kept.cache_folder().iterdir()
     monkeypatch.setattr(workspace, "acceptance_boxes", lambda *_: pytest.fail("computed again"))
     np.testing.assert_array_equal(reach_of(robot, reach.inner.max_tilt_rad).inner.extent_m, reach.inner.extent_m)
     monkeypatch.undo()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    kept.write_bytes(kept.read_bytes()[:100])
+    file.write_bytes(file.read_bytes()[:100])
     np.testing.assert_array_equal(reach_of(robot, reach.inner.max_tilt_rad).inner.extent_m, reach.inner.extent_m)
 
 
 def test_a_damaged_file_of_reach_is_not_believed(tmp_path: Path) -> None:
     """Any byte changed, anywhere: also where a number still reads as a number."""
     path, random = tmp_path / "reach.npz", np.random.default_rng(3)
-    workspace._keep(path, {"box": np.linspace(0.0, 1.0, 12), "tilt": np.array(0.1)})
+    kept._write(path, {"box": np.linspace(0.0, 1.0, 12), "tilt": np.array(0.1)})
     written = path.read_bytes()
-    assert workspace._kept(path) is not None
+    assert kept._read(path) is not None
     for place in random.integers(0, len(written), 300):
         damaged = bytearray(written)
         damaged[place] ^= int(random.integers(1, 256))
         path.write_bytes(damaged)
-        assert workspace._kept(path) is None
+        assert kept._read(path) is None
     for length in (0, 31, 32, len(written) - 1):
         path.write_bytes(written[:length])
-        assert workspace._kept(path) is None
+        assert kept._read(path) is None

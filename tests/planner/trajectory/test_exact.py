@@ -106,7 +106,7 @@ def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest
 
     follows = ca.DM(np.hstack([0.4 * np.eye(3), 0.1 * random.standard_normal((3, 3))]))  # without curvature: it is left
 
-    def straight(_problem: Problem, x: Any, hands: Any) -> Any:  # out of the Hessian, too
+    def straight(_problem: Problem, x: Any, hands: Any, _numbers: Any) -> Any:  # out of the Hessian, too
         return follows @ x[:6] + 0.15 * sum(hand[:3] for hand in hands)
 
     monkeypatch.setattr(stage_functions, "centre_of_mass", straight)

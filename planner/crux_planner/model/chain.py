@@ -1,0 +1,277 @@
+"""Kinematics of a limb of any six revolute joints, for many grippers at once: forward, and numeric inverse on a branch.
+
+A pose may have several solutions. The branch is the one that connects to the limb's posture, the middle of its joint
+limits, with no singular posture in between: the sign of det J stays. Postures near a lattice of upright grippers are
+found once a limb, each from a neighbour's, and kept; any pose starts from the nearest of them, by Newton's method.
+
+Arrays of many poses have the pose last: vectors (3, n), rotations (3, 3, n) by row and column.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from crux_contracts.robot import Limb
+from crux_contracts.robot_types import AtZero
+
+from crux_planner.model import kept
+from crux_planner.model.arrays import Array, Flags, Indices
+
+STEP_M, STEP_RAD = 0.05, 0.35  # of the lattice
+SEEDS, NEAREST = 4096, 24  # postures, and how many of them a first pose is looked for from
+BEYOND_RAD = 0.3  # that lattice postures may be beyond joint limits: poses near them start there
+LARGEST_STEP_RAD = 0.5  # of Newton's method
+FARTHEST_RAD = 1.2  # between neighbours' angles: more is another branch
+CLOSE = 1e-9  # [m] and [rad] off a pose that is reached
+ITERATIONS, MOST_ITERATIONS = 7, 48  # from a neighbour, and from far away
+_DAMPING = 1e-10  # of the inverse Jacobian where a pose is reached
+_DAMPED = 1e-3  # and where it is not
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Of a chain at n postures: its joints' axes and points on them (6, 3, n), links' rotations relative to those at
+    zero (6, 3, 3, n), the gripper's place (3, n) and rotation (3, 3, n).
+    """
+
+    axes: Array
+    points_m: Array
+    turns: Array
+    gripper_m: Array
+    rotation: Array
+
+    def jacobian(self) -> Array:
+        """(n, 6, 6) of the gripper: rows v, omega."""
+        arm = self.gripper_m - self.points_m
+        linear = np.stack([_cross(axis, off) for axis, off in zip(self.axes, arm, strict=True)])
+        return np.ascontiguousarray(np.concatenate([linear, self.axes], axis=1).transpose(2, 1, 0))
+
+
+def forward(at_zero: AtZero, q_rad: Array) -> Placed:
+    """Of joint angles (n, 6)."""
+    count = len(q_rad)
+    turn = np.broadcast_to(np.eye(3)[..., None], (3, 3, count))
+    place = np.zeros((3, count))
+    axes, points, turns = [], [], []
+    for axis, point, angle in zip(at_zero.axes, at_zero.points_m, q_rad.T, strict=True):
+        axes.append(_turned(turn, axis))
+        points.append(place + _turned(turn, point))
+        turn = np.einsum("ijn,jkn->ikn", turn, about(axis, angle))
+        place = points[-1] - _turned(turn, point)
+        turns.append(turn)
+    rotation = np.einsum("ijn,jk->ikn", turn, at_zero.gripper_rotation)
+    gripper = place + _turned(turn, at_zero.gripper_m)
+    return Placed(np.stack(axes), np.stack(points), np.stack(turns), gripper, rotation)
+
+
+def about(axis: Array, angle: Array) -> Array:
+    """Rotations (3, 3, n) about one axis."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, cosine = np.sin(angle), np.cos(angle)
+    return np.asarray(np.eye(3)[..., None] + sine * skew[..., None] + (1.0 - cosine) * (skew @ skew)[..., None])
+
+
+def pose_error(placed: Placed, place: Array, rotation: Array) -> Array:
+    """(6, n) from the gripper to places (3, n) and rotations (3, 3, n): to first order what joints have to do."""
+    columns = zip(placed.rotation.transpose(1, 0, 2), rotation.transpose(1, 0, 2), strict=True)
+    turn = sum(_cross(here, there) for here, there in columns)
+    return np.concatenate([place - placed.gripper_m, 0.5 * np.asarray(turn)])
+
+
+@dataclass(frozen=True, eq=False)
+class ChainInverse:
+    """Inverse kinematics of one limb."""
+
+    limb: Limb
+
+    @cached_property
+    def middle_rad(self) -> Array:
+        """(6,) the posture whose branch it is."""
+        return (self.limb.lower_rad + self.limb.upper_rad) / 2
+
+    @cached_property
+    def sign(self) -> float:
+        """Of det J on the branch."""
+        return float(np.sign(np.linalg.det(self._jacobian(self.middle_rad[None]))[0]))
+
+    @cached_property
+    def _origin_m(self) -> Array:
+        return np.asarray(self.limb.at_zero.points_m[0])
+
+    @cached_property
+    def _half(self) -> int:
+        """Nodes of the lattice on either side of the first joint, along each axis."""
+        return int(np.ceil(self.limb.longest_m / STEP_M))
+
+    @cached_property
+    def _turns(self) -> int:
+        """Of yaws."""
+        return int(np.ceil(2 * np.pi / STEP_RAD))
+
+    @cached_property
+    def _lattice(self) -> Array:
+        """(x, y, z, yaw, 6) angles of upright grippers; NaN where the branch has none nearby."""
+        name = "postures", self.limb.at_zero, self.limb.lower_rad, self.limb.upper_rad
+        lattice: Array = kept.arrays(__file__, name, lambda: {"q": _spread(self._postures())})["q"]
+        return lattice
+
+    def _postures(self) -> Array:
+        """The lattice, node by node from those found first."""
+        side = 2 * self._half + 1
+        shape = (side, side, side, self._turns)
+        found = np.full((*shape, 6), np.nan)
+        tried = np.zeros(shape, dtype=bool)
+        front = self._first(found, tried)
+        steps = [each for axis in range(4) for each in (np.eye(4, dtype=int)[axis], -np.eye(4, dtype=int)[axis])]
+        while len(front):
+            new: list[Indices] = []
+            for step in steps:
+                to = front + step
+                to[:, 3] %= self._turns
+                inside = ((to >= 0) & (to < shape)).all(axis=1)
+                flat = np.ravel_multi_index(tuple(to[inside].T), shape)
+                flat, first = np.unique(flat, return_index=True)
+                begin = front[inside][first]
+                fresh = ~tried.reshape(-1)[flat]
+                flat, begin = flat[fresh], begin[fresh]
+                if not len(flat):
+                    continue
+                node = np.stack(np.unravel_index(flat, shape), axis=1)
+                start = found[tuple(begin.T)]
+                q, ok = self._solved(start, *self._poses(node))
+                ok &= (np.abs(q - start).max(axis=1) < FARTHEST_RAD) & self._near_limits(q)
+                found[tuple(node[ok].T)] = q[ok]
+                tried.reshape(-1)[flat[ok]] = True
+                new.append(node[ok])
+            front = np.concatenate(new) if new else np.zeros((0, 4), dtype=int)
+        return found
+
+    def _first(self, found: Array, tried: Flags) -> Indices:
+        """Nodes (n, 4) near the grippers of postures that connect to the middle one straight away."""
+        low, high = self.limb.lower_rad, self.limb.upper_rad
+        seeds = low + _evenly_spread(SEEDS, 6) * (high - low)
+        shares = np.linspace(0.0, 1.0, 12)[:, None, None]
+        way = (self.middle_rad + shares * (seeds - self.middle_rad)).reshape(-1, 6)
+        same = (np.sign(np.linalg.det(self._jacobian(way))) == self.sign).reshape(len(shares), -1).all(axis=0)
+        seeds = seeds[same]
+        placed = forward(self.limb.at_zero, seeds)
+        upright = np.argsort(-placed.rotation[2, 2], kind="stable")[: SEEDS // NEAREST]
+        seeds, place, turn = seeds[upright], placed.gripper_m[:, upright], placed.rotation[..., upright]
+        node = self._nearest(place, turn)
+        q, ok = self._solved(seeds, *self._poses(node), damped=True)
+        ok &= ((q >= low) & (q <= high)).all(axis=1)
+        way = (self.middle_rad + shares * (q - self.middle_rad)).reshape(-1, 6)
+        ok &= (np.sign(np.linalg.det(self._jacobian(way))) == self.sign).reshape(len(shares), -1).all(axis=0)
+        found[tuple(node[ok].T)] = q[ok]
+        tried[tuple(node[ok].T)] = True
+        return np.unique(node[ok], axis=0)
+
+    def inverse(self, position_b_m: Array, rotation_b: Array) -> tuple[Array, Flags]:
+        """Angles (..., 6) of poses (..., 3), (..., 3, 3), and whether they are reached on the branch (...)."""
+        shape = np.broadcast_shapes(position_b_m.shape[:-1], rotation_b.shape[:-2])
+        place = np.broadcast_to(position_b_m, (*shape, 3)).reshape(-1, 3).T
+        turn = np.broadcast_to(rotation_b, (*shape, 3, 3)).reshape(-1, 3, 3).transpose(1, 2, 0)
+        start = self._lattice[tuple(self._nearest(place, turn).T)]
+        known = ~np.isnan(start[:, 0])
+        q = np.tile(self.middle_rad, (place.shape[1], 1))
+        reached = np.zeros(len(q), dtype=bool)
+        q[known], reached[known] = self._solved(start[known], place[:, known], turn[..., known])
+        return q.reshape(*shape, 6), reached.reshape(shape)
+
+    def seeds(self, q_rad: Array, reached: Flags) -> Array:
+        """(n, 42) what smooth kinematics near solutions (n, 6) start from: the angles and the inverse Jacobians."""
+        jacobian = self._jacobian(q_rad)
+        damping = np.where(reached, _DAMPING, _DAMPED)[:, None, None] * np.eye(6)
+        back = np.swapaxes(jacobian, 1, 2)
+        inverse = back @ np.linalg.inv(jacobian @ back + damping)
+        return np.concatenate([q_rad, inverse.reshape(-1, 36)], axis=1)
+
+    def _solved(self, start: Array, place: Array, turn: Array, *, damped: bool = False) -> tuple[Array, Flags]:
+        """Angles (n, 6), and whether they have the pose and are on the branch."""
+        q, reached = start.copy(), np.zeros(len(start), dtype=bool)
+        active = np.arange(len(q))
+        for _ in range(MOST_ITERATIONS if damped else ITERATIONS):
+            placed = forward(self.limb.at_zero, q[active])
+            error = pose_error(placed, place[:, active], turn[..., active])
+            facing = (placed.rotation * turn[..., active]).sum(axis=(0, 1)) > 1.0  # less than a right angle off
+            left = np.abs(error).max(axis=0)
+            jacobian = placed.jacobian()
+            here = (left < CLOSE) & facing
+            done = active[here]
+            reached[done] = np.sign(np.linalg.det(jacobian[here])) == self.sign
+            active, error, jacobian = active[~here], error[:, ~here], jacobian[~here]
+            if not len(active):
+                break
+            back = np.swapaxes(jacobian, 1, 2)
+            more = np.minimum(left[~here], 1.0) ** 2 * (0.1 if damped else 1e-3) + 1e-13
+            normal = jacobian @ back + more[:, None, None] * np.eye(6)
+            move = (back @ np.linalg.solve(normal, error.T[..., None]))[..., 0]
+            most = np.abs(move).max(axis=1, keepdims=True)
+            q[active] += move * np.minimum(1.0, LARGEST_STEP_RAD / np.maximum(most, 1e-12))
+        return q, reached
+
+    def _jacobian(self, q_rad: Array) -> Array:
+        return forward(self.limb.at_zero, q_rad).jacobian()
+
+    def _near_limits(self, q: Array) -> Flags:
+        low, high = self.limb.lower_rad - BEYOND_RAD, self.limb.upper_rad + BEYOND_RAD
+        return np.asarray(((q >= low) & (q <= high)).all(axis=1))
+
+    def _poses(self, node: Indices) -> tuple[Array, Array]:
+        """Of upright grippers at nodes (n, 4)."""
+        place = self._origin_m + STEP_M * (node[:, :3] - self._half)
+        yaw = np.asarray(2 * np.pi / self._turns * node[:, 3], dtype=np.float64)
+        return place.T, about(np.array([0.0, 0.0, 1.0]), yaw)
+
+    def _nearest(self, place: Array, turn: Array) -> Indices:
+        """The nodes (n, 4) nearest to poses."""
+        yaw = np.arctan2(turn[1, 0], turn[0, 0])
+        at = np.rint((place.T - self._origin_m) / STEP_M).astype(int) + self._half
+        around = np.rint(yaw / (2 * np.pi / self._turns)).astype(int) % self._turns
+        return np.concatenate([np.clip(at, 0, 2 * self._half), around[:, None]], axis=1)
+
+
+_KNOWN: dict[bytes, ChainInverse] = {}
+
+
+def chain_inverse(limb: Limb) -> ChainInverse:
+    """Once a process for limbs that are the same."""
+    zero = limb.at_zero
+    parts = (zero.axes, zero.points_m, zero.gripper_m, zero.gripper_rotation, limb.lower_rad, limb.upper_rad)
+    key = b"".join(part.tobytes() for part in parts)
+    if key not in _KNOWN:
+        _KNOWN[key] = ChainInverse(limb)
+    return _KNOWN[key]
+
+
+def _spread(postures: Array) -> Array:
+    """The same, with nodes of no posture next to others from theirs, to start from: along x, y, z and yaw."""
+    for axis in range(4):
+        for step in (1, -1):
+            near = np.roll(postures, step, axis=axis)
+            if axis < 3:
+                edge: list[slice | int] = [slice(None)] * 5
+                edge[axis] = 0 if step > 0 else -1
+                near[tuple(edge)] = np.nan
+            postures = np.where(np.isnan(postures), near, postures)
+    return postures
+
+
+def _evenly_spread(count: int, dimension: int) -> Array:
+    """Points (count, dimension) of the unit cube: multiples of powers of 1/phi, modulo 1 (Roberts 2018)."""
+    root = 1.5
+    for _ in range(40):
+        root = (1.0 + root) ** (1.0 / (dimension + 1))
+    return np.asarray(np.outer(np.arange(1, count + 1), root ** -np.arange(1.0, dimension + 1)) % 1.0)
+
+
+def _turned(turn: Array, vector: Array) -> Array:
+    """(3, n) of rotations (3, 3, n) and one vector (3,)."""
+    return np.asarray(turn[:, 0] * vector[0] + turn[:, 1] * vector[1] + turn[:, 2] * vector[2])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
