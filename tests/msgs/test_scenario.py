@@ -292,6 +292,10 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
             ("goal: {", "goal: {grasps: {LF: {hold: a, faces: x}}, "),
             r"goal\.grasps: .*does not go with contact\.model point",
         ),
+        (
+            ("goal: {", "planner: {objective: time}\ngoal: {"),
+            r"planner\.objective: .*does not go with contact\.model point",
+        ),
         (("LF: [0.1, 0.3]", "LF: [100, 300]"), r"start\.feet\.LF\[0\]: 100: .* looks like millimetres: 0\.1\?"),
     ],
 )

@@ -19,6 +19,7 @@ from .scenario_types import (
     Contact,
     Goal,
     Grasp,
+    PlannerOptions,
     Scenario,
     ScenarioError,
     Start,
@@ -71,6 +72,10 @@ class _Reader(Records):
         made = super().record(kind, *nodes, place=place)
         if isinstance(made, Grasp) and made.finger1 is not None:
             self.check.choice(_members(nodes[0])["finger1"], (f"+{made.faces or 'x'}", f"-{made.faces or 'x'}"))
+        if isinstance(made, PlannerOptions) and made.objective != "paper" and self.model == "point":
+            self.check.note(
+                _members(nodes[0])["objective"], "does not go with contact.model point: only climbs are timed"
+            )
         return made
 
     def robot(self, node: Node) -> str:

@@ -14,6 +14,7 @@ VERSION = 1  # of the file
 FACE_NAMES = ("+x", "-x", "+y", "-y", "top")
 METHODS = ("auto", "two_block", "multi_block", "benchmark")
 LIMIT_SURFACES = ("cone", "inner", "paper")
+OBJECTIVES = ("paper", "time", "balanced")
 IDLE = ("cut", "keep")  # knots of a plan at which nothing moves
 WEIGHTS = ("body", "position", "orientation", "velocity", "wrench", "lift", "opening", "switching")
 MARGINS = ("friction", "clearance_m", "torque")
@@ -189,6 +190,7 @@ class PlannerOptions:
     iterations: int | None = key(None, 1, 1000, means="most rounds of the ADMM methods")
     time_limit_s: float | None = key(None, 0.1, 86400.0, "s", "seconds of CPU, workers included")
     limit_surface: str = key("cone", words=LIMIT_SURFACES, means="(2), a polytope inside it, or (11), partly outside")
+    objective: str = key("paper", words=OBJECTIVES, means="least J, or that climb in the least time, or in between")
     idle: str = key("cut", words=IDLE, means="leave out steps in which nothing moves, or use all of the horizon")
     weights: dict[str, float] = key(dict, 0.0, 1e9, words=WEIGHTS, means="of J; body sets position and orientation")
     margins: dict[str, float] = key(dict, 0.0, 1.0, words=MARGINS, means="kept in reserve")

@@ -9,17 +9,21 @@ from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 
 
-def check_bounds(plan: PlanArrays, robot: Robot, point_model: bool, findings: Findings) -> None:
+def check_bounds(plan: PlanArrays, robot: Robot, point_model: bool, paced: bool, findings: Findings) -> None:
     """Body height, tilt, speed and rate at the knots; opening, yaw against the body, height and mean speed of grippers
     over every interval.
 
     Speeds are bounded component by component: along, across and off the wall with respect to the heading of the first
-    pose, so that turning a whole scene about W's z changes nothing; rates about the body's own axes.
+    pose, so that turning a whole scene about W's z changes nothing; rates about the body's own axes. A plan that is
+    `paced` has the robot's pace for its limits.
     """
-    grasp, walking = robot.grasp, robot.walking
+    grasp, walking, pace = robot.grasp, robot.walking, robot.pace
     if point_model:
         body_speed, body_rate, yaw_range = walking.max_speed_m_s, walking.max_rate_rad_s, walking.foot_yaw_rad
         limb_speed, yaw_rate = walking.foot_speed_m_s, walking.foot_yaw_rate_rad_s
+    elif paced:
+        body_speed, body_rate, yaw_range = pace.body_speed_m_s, pace.body_rate_rad_s, grasp.gripper_yaw_rad
+        limb_speed, yaw_rate = pace.swing_speed_m_s, pace.yaw_rate_rad_s
     else:
         body_speed, body_rate, yaw_range = robot.body.max_speed_m_s, robot.body.max_rate_rad_s, grasp.gripper_yaw_rad
         limb_speed, yaw_rate = grasp.approach_speed_m_s, grasp.yaw_rate_rad_s

@@ -24,6 +24,7 @@ from crux_planner.checker.kinematics import check_kinematics
 from crux_planner.checker.limb_clearance import check_limb_clearance
 from crux_planner.checker.limb_model import load_model
 from crux_planner.checker.limit_surface import check_limit_surface, finger_loads
+from crux_planner.checker.pace import check_pace
 from crux_planner.checker.parts import limb_parts, shapes
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
 from crux_planner.checker.report import CheckReport, Findings
@@ -60,7 +61,10 @@ def check_plan(plan: plan_t, robot: Robot | str | Path) -> CheckReport:
 def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Findings, report: CheckReport) -> None:
     """All checks that need a plan of sound form, a robot and a scenario."""
     model, point = load_model(robot), scenario.contact.model == "point"
-    check_bounds(plan, robot, point, findings)
+    paced = plan.own_times and scenario.planner.objective != "paper"
+    check_bounds(plan, robot, point, paced, findings)
+    if paced:
+        check_pace(plan, robot, findings)
     check_contact(plan, scenario, robot, findings)
     check_ends(plan, scenario, findings)
     report.cost = None if point else cost(plan, scenario)

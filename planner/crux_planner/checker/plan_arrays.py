@@ -54,6 +54,8 @@ class PlanArrays:
     """Knots k = 0..N (K = N + 1) of the four limbs; names as in the LCM types."""
 
     dt_s: float
+    own_times: bool
+    """Knots stand at times of their own."""
     step_s: Array
     """(K - 1,) from each knot to the next: dt_s, or as the knots' own times have it."""
     gravity_w: Array
@@ -176,6 +178,7 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
         )
         arrays = PlanArrays(
             float(plan.dt_s),
+            plan.format == plan.FORMAT_OWN_TIMES,
             _steps(plan),
             np.array(plan.gravity_w_m_s2, dtype=float).reshape(3),
             float(plan.patch_k_m),
@@ -201,7 +204,7 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
     except (TypeError, ValueError) as error:
         findings.add("plan_format", 1.0, "", detail=f"a field has the wrong length or type: {error}")
         return None
-    return arrays if _sound(arrays, plan.format == plan.FORMAT_OWN_TIMES, findings) else None
+    return arrays if _sound(arrays, findings) else None
 
 
 def _steps(plan: Any) -> Array:
@@ -226,7 +229,7 @@ def _fault_of_form(plan: Any) -> str | None:
     return None
 
 
-def _sound(plan: PlanArrays, own_times: bool, findings: Findings) -> bool:
+def _sound(plan: PlanArrays, findings: Findings) -> bool:
     """Finite numbers, a positive step, knots in order of time, known phases: what every other check builds on."""
     sound = True
     for owner in (plan, plan.cuboids):
@@ -252,7 +255,7 @@ def _sound(plan: PlanArrays, own_times: bool, findings: Findings) -> bool:
     if plan.dt_s <= 0.0:
         findings.add("time_stamps", -plan.dt_s, "s", tolerance=-1.0, detail="dt_s must be positive")
         return False
-    if own_times:
+    if plan.own_times:
         ordered = _ordered(plan, findings)
     else:
         clock, tolerance_s = np.abs(plan.time_s - plan.dt_s * np.arange(plan.n_knots)), 1e-9 * max(plan.dt_s, 1.0)

@@ -24,6 +24,7 @@ from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.explanation import explain
 from crux_planner.pipeline.fallback import ATTEMPTS, plan_turning, without_blamed
 from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.pace import paced
 from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
 from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
 from crux_planner.pipeline.session import Session, Work
@@ -96,6 +97,7 @@ class Planner:
             left = max(scenario.horizon.steps, self.scenario.horizon.steps - first)
             scenario = rewritten(scenario, steps=left)
             return plan(scenario, self.robot, time_limit_s=max(deadline - clock.now(), 1.0), log=log)
+        result = paced(result, scenario, self.robot, work)
         result.seconds, result.computed_s = work.took_s()
         return result
 
@@ -128,6 +130,7 @@ class Planner:
         if result is None:
             failure = failures[0] if failures else explain(climb.oracles, self._seen, 1)
             raise failure.out_of_time() if climb.session.late else failure
+        result = paced(result, self.scenario, self.robot, work)
         result.seconds, result.computed_s = work.took_s()
         return result
 

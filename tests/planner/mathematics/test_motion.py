@@ -102,7 +102,7 @@ def test_equation_6_the_planners_terms_of_a_knot(plan: RandomPlan) -> None:
 
 def test_equation_7_bounds_of_planner_and_checker_are_those_of_the_robot(plan: RandomPlan) -> None:
     arrays, robot, findings = plan.arrays, plan.robot, Findings()
-    check_bounds(arrays, robot, False, findings)
+    check_bounds(arrays, robot, False, False, findings)
     along = arrays.body_velocity @ rotation_z(float(arrays.body_rpy[0, 2]))
     apart = np.linalg.norm(np.diff(arrays.gripper_position, axis=0), axis=2).max() / arrays.dt_s
     height, (low, high) = arrays.body_position[:, 2], robot.body.height_m

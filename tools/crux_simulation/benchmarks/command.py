@@ -48,6 +48,7 @@ BENCHES = {
         "--rungs 8 --seed 2",
     ),
     "scenes": Bench("plan, check and climb every scene that ships", f"{_HERE}.scenes", "climb-vertical walk-flat"),
+    "pace": Bench("climb for the least J, in the least time, and in between", f"{_HERE}.paces", "climb-vertical"),
     "climbs": Bench(
         "plan and climb random walls like the four-hold scene", f"{_HERE}.random_climbs", "--count 5 --slope 70"
     ),

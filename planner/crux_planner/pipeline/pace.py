@@ -1,0 +1,186 @@
+"""The pace of a climb (planner.objective): after the exact program, each interval takes the least time that the robot's
+pace allows. Contacts, poses and the order of events stay as they are.
+
+Fingers open no wider in a swing than holds and clearance need. Speeds follow from the times. The contact wrenches
+change by the least that balances the body's new accelerations, and fingers squeeze as much harder as friction then
+needs. The checker has the last word: where it refuses the plan, the intervals around take longer.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from crux_contracts import N_LIMBS
+from crux_contracts.interpolation import ARRIVE_SHARE, LIFT_SHARE, LOAD_SPAN, UNLOAD_SPAN
+from crux_contracts.plan_file import plan_id
+from crux_contracts.plan_series import PlanSeries, plan_series
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Scenario
+from crux_msgs import plan_t
+
+from crux_planner.checker import CheckReport, check_plan
+from crux_planner.model.arrays import Array
+from crux_planner.model.build import build_problem
+from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.model.mass import centres_of_mass
+from crux_planner.model.problem import Problem
+from crux_planner.physics.limit_surface import finger_forces, finger_inputs
+from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.session import Work
+
+STRETCH = {"time": 1.0, "balanced": 1.25}  # of the least times, by objective
+LONGER = 1.2  # times longer, where the checker refuses an interval and beside it
+ROUNDS = 12  # of that
+PEAK, PEAK_ACCELERATION = 1.5, 6.0  # of a smooth step over its way and time, and over its way and time squared
+BODY_SHARE = 0.999  # of the body's limits: the check is exact
+
+
+def paced(result: PlanResult, scenario: Scenario, robot: Robot, work: Work) -> PlanResult:
+    """The plan at the pace that the scenario asks for: as it is for `paper`, and where no pace passes the check."""
+    if scenario.planner.objective == "paper":
+        return result
+    with work.part("pace", 0.95):
+        quick = _paced(result, scenario, robot)
+    if quick is None:
+        work.log(
+            f"at no pace that planner.objective {scenario.planner.objective} asks for does the plan pass the check"
+        )
+    return quick or result
+
+
+def _paced(result: PlanResult, scenario: Scenario, robot: Robot) -> PlanResult | None:
+    problem = build_problem(scenario, robot)
+    plan = plan_t.decode(result.plan.encode())
+    _narrow_fingers(plan, robot)
+    least_s = STRETCH[scenario.planner.objective] * least_times_s(plan_series(plan), robot)
+    for _ in range(ROUNDS):
+        quick = plan_t.decode(plan.encode())
+        set_times(quick, least_s, problem)
+        report = check_plan(quick, robot)
+        if report.ok:
+            assert report.cost is not None  # of climbs
+            quick.cost = report.cost
+            quick.plan_id = plan_id(quick)
+            return replace(result, plan=quick, check=report, cost=report.cost, gap=None, nominal_cost=None)
+        if not _lengthen(least_s, report):
+            break
+    return None
+
+
+def least_times_s(series: PlanSeries, robot: Robot) -> Array:
+    """(N,) the least time of each interval by the robot's pace: of the body's way, of what each limb does, and of the
+    load that limbs give off and take up.
+    """
+    pace, speed = robot.pace, robot.gripper.max_finger_speed_m_s
+    body_m, turn_rad = (np.abs(np.diff(v, axis=0)) for v in (series.body_position_m, series.body_rpy_rad))
+    times = [body_m.max(axis=1) / (BODY_SHARE * pace.body_speed_m_s), turn_rad.max(axis=1) / pace.body_rate_rad_s]
+    way_m = np.linalg.norm(np.diff(series.gripper_position_m, axis=0), axis=2)
+    yaw_rad = np.abs(np.diff(series.gripper_yaw_rad, axis=0))
+    opens_m = np.abs(np.diff(series.separation_m, axis=0)) / 2
+    steady_s = np.maximum(way_m / pace.swing_speed_m_s, yaw_rad / pace.yaw_rate_rad_s)
+    smooth_s = np.maximum(PEAK * steady_s, np.sqrt(PEAK_ACCELERATION * way_m / pace.swing_acceleration_m_s2))
+    air = ~series.stance
+    before, after = np.vstack([np.zeros((1, N_LIMBS), bool), air[:-2]]), air[1:]
+    here = air[:-1]
+    leaves, comes = here & ~before, here & ~after
+    times += [np.where(here, steady_s, 0.0).max(axis=1)]
+    times += [np.where(leaves, np.maximum(smooth_s / (1 - LIFT_SHARE), opens_m / speed / LIFT_SHARE), 0.0).max(axis=1)]
+    times += [np.where(comes, smooth_s / ARRIVE_SHARE, 0.0).max(axis=1)]
+    times += [np.where(~here & after, pace.load_time_s / UNLOAD_SPAN, 0.0).max(axis=1)]
+    times += [np.where(~here & before, pace.load_time_s / LOAD_SPAN, 0.0).max(axis=1)]
+    least_s: Array = np.maximum(np.max(times, axis=0), pace.min_step_s)
+    return least_s
+
+
+def set_times(plan: plan_t, step_s: Array, problem: Problem) -> None:
+    """The plan with these times of its intervals (N,), in place: velocities, and wrenches that balance the body."""
+    series = plan_series(plan)
+    loads = _Loads.of(series, problem)
+    slower = np.diff(series.time_s) / step_s
+    slower = np.append(slower, slower[-1])
+    velocity, rate = (slower[:, None] * v for v in (series.body_velocity_m_s, series.body_angular_velocity_b_rad_s))
+    old_s = np.diff(series.time_s)[:, None]
+    push = np.diff(velocity, axis=0) / step_s[:, None] - np.diff(series.body_velocity_m_s, axis=0) / old_s
+    spun = [
+        np.diff(w, axis=0) / s @ problem.inertia_b.T + np.cross(w[:-1], w[:-1] @ problem.inertia_b.T)
+        for w, s in ((rate, step_s[:, None]), (series.body_angular_velocity_b_rad_s, old_s))
+    ]
+    turned = rotation_from_rpy(series.body_rpy_rad[:-1])
+    twist = np.einsum("kij,kj->ki", turned, spun[0] - spun[1])
+    forces, moments = loads.changed(np.hstack([problem.mass_kg * push, twist]))
+    times = np.concatenate([[0.0], np.cumsum(step_s)])
+    plan.format = plan_t.FORMAT_OWN_TIMES
+    for k, knot in enumerate(plan.knots):
+        knot.time_s = float(times[k])
+        knot.body_velocity_w_m_s = velocity[k].tolist()
+        knot.body_angular_velocity_b_rad_s = rate[k].tolist()
+        for limb in np.flatnonzero(series.stance[k]):
+            knot.limbs[limb].finger_force_w_n = forces[k, limb].ravel().tolist()
+            knot.limbs[limb].finger_moment_w_nm = moments[k, limb].ravel().tolist()
+    plan.plan_id = plan_id(plan)
+
+
+class _Loads:
+    """What fingers bear in the plan, as the inputs (s1, s2, m, n1, n2) of the exact program, in the axes of W."""
+
+    def __init__(self, series: PlanSeries, arm_m: Array, problem: Problem) -> None:
+        self.series, self.arm_m, self.problem = series, arm_m, problem
+        self.axis = series.opening_axis
+        self.tangent = np.cross([0.0, 0.0, 1.0], self.axis)
+
+    @classmethod
+    def of(cls, series: PlanSeries, problem: Problem) -> "_Loads":
+        to_h = rotation_z(-problem.heading_rad)
+        poses = np.hstack([series.body_position_m @ to_h.T, series.body_rpy_rad - [0.0, 0.0, problem.heading_rad]])
+        hands = np.concatenate(
+            [series.gripper_position_m @ to_h.T, series.gripper_yaw_rad[..., None] - problem.heading_rad], axis=2
+        )
+        centre = centres_of_mass(problem, poses, hands) @ to_h
+        return cls(series, series.gripper_position_m - centre[:, None], problem)
+
+    def changed(self, lack: Array) -> tuple[Array, Array]:
+        """Forces and moments (K, 4, 2, 3) of the fingers with `lack` (K - 1, 6) more force on the robot and moment
+        about its centre of mass than before, by the least change; squeezed as much more as friction needs for it."""
+        series = self.series
+        q = finger_inputs(series.finger_force_n, series.finger_moment_nm, series.gripper_yaw_rad)
+        for k, wrench in enumerate(lack):
+            held = np.flatnonzero(series.stance[k])
+            if np.abs(wrench).max() == 0.0:
+                continue
+            change = np.linalg.pinv(self._effects(k, held)) @ wrench
+            for limb, (shear, lift, twist, push) in zip(held, change.reshape(-1, 4), strict=True):
+                more = float(np.linalg.norm([shear, lift, twist / self.problem.patch.k_m])) / series.friction[k, limb]
+                q[k, limb] += [shear, lift, twist, more + max(push, 0.0), more + max(-push, 0.0)]
+        q[-1] = q[-2]
+        return finger_forces(q, self.axis, self.tangent)
+
+    def _effects(self, k: int, held: Any) -> Array:
+        """(6, 4 held) force and moment about the centre of mass of one more shear, lift, twist and push by each."""
+        columns = []
+        for limb in held:
+            axis, arm = self.axis[k, limb], self.arm_m[k, limb]
+            for force in (2 * self.tangent[k, limb], np.array([0.0, 0.0, 2.0]), np.zeros(3), axis):
+                twist = 2 * axis if not force.any() else np.zeros(3)
+                columns.append(np.concatenate([force, np.cross(arm, force) + twist]))
+        return np.array(columns).T
+
+
+def _narrow_fingers(plan: plan_t, robot: Robot) -> None:
+    """Opens fingers in a swing no wider than both of its holds and the clearance need, in place."""
+    series = plan_series(plan)
+    for swing in series.swings():
+        ends = [k for k in (swing.first - 1, swing.last + 1) if k >= 0]
+        most_m = float(series.separation_m[ends, swing.limb].max()) + 2 * robot.pace.opening_clearance_m
+        for knot in plan.knots[swing.first : swing.last + 1]:
+            limb = knot.limbs[swing.limb]
+            limb.finger_separation_m = min(limb.finger_separation_m, most_m)
+
+
+def _lengthen(step_s: Array, report: CheckReport) -> bool:
+    """Lengthens the intervals about what the checker found, in place; False where it found what takes no time."""
+    times = np.concatenate([[0.0], np.cumsum(step_s)])
+    found = [v.time_s for v in report.violations if v.time_s is not None]
+    about = {int(np.clip(np.searchsorted(times, at + 1e-9) - 1, 0, len(step_s) - 1)) for at in found}
+    near = sorted({k for at in about for k in (at - 1, at, at + 1) if 0 <= k < len(step_s)})
+    step_s[near] *= LONGER
+    return bool(near)
