@@ -165,6 +165,23 @@ def test_a_hold_is_struck_off_only_when_a_limb_has_missed_it_twice(plan: plan_t)
     assert replace(once, missed_before=frozenset({"left-front-high"})).useless() == {}
 
 
+def test_no_hold_is_struck_off_on_the_word_of_a_limb_alone_while_another_grip_has_moved(plan: plan_t) -> None:
+    status = status_t()
+    for reference, telemetry in zip(status.reference, status.telemetry, strict=True):
+        reference.phase, reference.load, telemetry.force_reference_w_n = 0, 1.0, [1.0, 0.0, 0.0]
+    status.fault.code, status.fault.limb = 29, RF  # hold_missing
+    status.reference[RF].phase = CLOSE
+    situation = Situation(plan, status, load_robot("scaler"))
+    hold = situation.missed()
+    assert hold is not None
+    again = replace(situation, missed_before=frozenset({hold}))
+    status.telemetry[0].stance_shift_g_m = [0.0, 0.012, 0.009]  # a hold that has crept under LF
+    assert again.missed() is None
+    assert again.useless() == {}
+    status.telemetry[0].stance_shift_g_m = [0.0, 0.004, 0.0]  # as joints that were homed wrongly show
+    assert again.useless() == {hold: RF}
+
+
 def test_a_body_turned_to_where_a_gripper_may_just_turn_under_it_is_a_start_of_a_plan(plan: plan_t) -> None:
     robot, status = load_robot("scaler"), status_t()
     status.fault.code = 20  # ft_implausible

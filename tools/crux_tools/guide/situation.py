@@ -20,6 +20,7 @@ from crux_tools.operator_status import GRIPPING
 COMING = (5, 6)  # descend, close
 NOT_GRIPPED = ("event_timeout", "tracking_error", "ik_failed", "grasp_failed", "hold_missing")
 """Faults after which the hold that the limb came to is elsewhere, slippery or gone."""
+FITS_M = 0.01  # grips off each other by more: the body is not where it seems
 SHIFT_M, TURN_RAD = 0.005, 0.035  # that a hold is off the map at least where it is moved there
 LEAST_STEPS = 60  # of the horizon: the way on may be a detour
 INSIDE_M, INSIDE_RAD = 0.002, 0.01  # kept of the body's bounds (7)
@@ -68,8 +69,8 @@ class Situation:
         return self.fault if limb < 0 else f"{self.fault} of {LIMB_NAMES[limb]}"
 
     def useless(self) -> dict[str, int]:
-        """Holds that are none, and whose: those that were lost, and one that the limb on its way to it has failed to
-        grip twice: once it may be the body that is elsewhere."""
+        """Holds that are none, and whose: those that were lost by opening and force of their fingers, and one that the
+        limb on its way to it has failed to grip twice."""
         limbs = [limb for limb in range(len(LIMB_NAMES)) if self._phase(limb) in GRIPPING and not self.grips(limb)]
         missed = self.missed()
         if missed in self.missed_before:
@@ -77,10 +78,18 @@ class Situation:
         return {self.hold(limb): limb for limb in limbs}
 
     def missed(self) -> str | None:
-        """The hold that the limb on its way to it has not gripped."""
+        """The hold that the limb on its way to it has not gripped. The limb is one witness, and the other grips that
+        fit each other the second: where one of them has moved, or an encoder has drifted, the body is elsewhere and the
+        hold may be where it should."""
         limb = self.status.fault.limb
         comes = self.fault in NOT_GRIPPED and limb >= 0 and self._phase(limb) in COMING
-        return self.hold(limb) if comes else None
+        return self.hold(limb) if comes and self._stance_fits() else None
+
+    def _stance_fits(self) -> bool:
+        """No grip has moved against the others since contact."""
+        others = [limb for limb in filter(self.grips, range(len(LIMB_NAMES))) if limb != self.status.fault.limb]
+        moved_m = [np.linalg.norm(self.status.telemetry[limb].stance_shift_g_m) for limb in others]
+        return bool(max(moved_m, default=0.0) <= FITS_M)
 
     def wanted_in_vain(self) -> list[str]:
         """What the goal asks for that is no hold any more."""
