@@ -138,7 +138,7 @@ OF_THE_FILES = [
 OF_ROBOT_YAML = [
     _yaml("unknown key", "rate_Hz: 500", "rate_hz: 500", "can.rate_hz", "unknown key"),
     _yaml("missing key", "  unload_force_N: 4\n", "\n", "control.unload_force_N", "is missing"),
-    _yaml("a pull too quick", "rate_N_s: 30", "rate_N_s: 600", "grasp_test.rate_N_s: 600", "at most 500"),
+    _yaml("a pull too quick", "rate_N_s: 50", "rate_N_s: 600", "grasp_test.rate_N_s: 600", "at most 500"),
     _yaml("a pull that never begins", "press_s: 0.3", "press_s: 30", "grasp_test.press_s: 30", "in 0.02..5 s"),
     _yaml("a key of no value", "version: 1", "version:", "robot.yaml:3: version: nothing", "in 1..1"),
     _yaml("missing section", "drive:", "driver:", "driver", "unknown key"),
