@@ -46,7 +46,7 @@ def check_contact(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: 
 
 def _check_contact_names(plan: PlanArrays, scenario: Scenario, findings: Findings) -> None:
     """Holds exist and may be grasped, faces exist, friction is the smaller one of the two faces, as little as that may
-    be.
+    be, and above 0, as the runtime needs it.
     """
     least = 1.0 - (scenario.uncertainty.friction if scenario.uncertainty else 0.0)
     for k, limb in np.argwhere(plan.stance):
@@ -74,6 +74,9 @@ def _check_contact_names(plan: PlanArrays, scenario: Scenario, findings: Finding
     else:
         pair = np.zeros(plan.hold.shape)
     expected = np.where(plan.on_wall, scenario.wall.friction, np.where(plan.gripped, least * pair, 0.0))
+    for k, limb in np.argwhere(plan.stance & (plan.on_wall | plan.gripped) & (expected <= 0.0)):
+        detail = "a face in contact has friction 0, expected more: spines alone do not make a grasp"
+        findings.add("hold", 1.0, "", limb=limb, time_s=plan.time_s[k], detail=detail)
     for limb in range(4):
         off = np.abs(plan.friction[:, limb] - expected[:, limb])
         findings.add_series("friction", off, plan.time_s, "", tolerance=tolerances.MATCH_REL, limb=limb)

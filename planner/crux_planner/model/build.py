@@ -43,7 +43,6 @@ MOST_FRICTION = 0.929  # share of (2) that a disc under even pressure bears what
 EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face's edge
 TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
 LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has the last word
-SLIPPERY = "no robot can hold on there: a face without friction takes no spines either"
 
 
 def build_problem(
@@ -184,8 +183,8 @@ def _contacts(
                 spans = f"{2 * shape.smallest_opening:g}..{2 * slack:g} m"
                 unusable[index, pair] = f"it is {2 * half:g} m wide, the gripper takes {spans}"
                 continue
-            if any(hold.friction[face] <= 0.0 and not _spines(scenario, hold, face)[0] for face in _faces(pair)):
-                unusable[index, pair] = SLIPPERY
+            if smooth := smooth_faces(hold, pair):
+                unusable[index, pair] = f"face {smooth[0]} has friction 0, both faces of a grasp need more"
                 continue
             middle = np.array([*cuboids.foot_h_m[index], height])
             normal = cuboids.yaw_rad[index] + pair * np.pi / 2
@@ -249,6 +248,14 @@ def _faces(pair: int) -> list[int]:
     return [2 * pair, 2 * pair + 1]
 
 
+def smooth_faces(hold: Hold, pair: int) -> list[str]:
+    """The faces of a pair that have no friction, so that it cannot be gripped.
+
+    Spines alone do not make a grasp: the runtime squeezes until friction bears the load, without them.
+    """
+    return [FACE_NAMES[face] for face in _faces(pair) if hold.friction[face] <= 0.0]
+
+
 def _spines(scenario: Scenario, hold: Hold, face: int) -> Array:
     """(3,): most that the spines of a finger hold of (s1, s2, m) on a face."""
     shear_N, twist_Nm = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
@@ -283,7 +290,7 @@ def start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[t
         finger = scenario.contact.spines_only.get(limb, 0)
         found = [i for i, c in enumerate(contacts) if (c.hold, c.pair, c.spines_only) == (hold, pair, finger)]
         if not found:
-            why = unusable.get((hold, pair), SLIPPERY)
+            why = unusable.get((hold, pair), f"finger {finger} never presses, so its face needs spines")
             raise wrong(scenario, f"start.grasps.{limb}", f"{grasp.hold}, faces {grasp.faces}", why)
         found = [i for i in found if grasp.finger1 in (None, FACE_NAMES[contacts[i].finger1_face])]
         if not found:
@@ -302,7 +309,7 @@ def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int
             raise InfeasibleError(
                 "goal grasp",
                 f"goal.grasps.{limb}: {grasp.hold} cannot be gripped by faces {grasp.faces}: {unusable[key]}",
-                proven=key not in spanned or unusable[key] == SLIPPERY,
+                proven=key not in spanned or bool(smooth_faces(scenario.holds[key[0]], key[1])),
             )
         wanted[LIMB_NAMES.index(limb)] = key
     return wanted

@@ -61,6 +61,23 @@ def test_spines_only_where_the_hold_has_them() -> None:
     assert only(report, "scenario_match")
 
 
+def test_a_face_without_friction_is_no_grasp() -> None:
+    """Spines bear all that the plan asks for there, and still the runtime would not take it."""
+
+    def change(plan: plan_t) -> None:
+        plan.holds[2].friction = [2.2, 0.0, 2.2, 2.2, 2.2]
+        plan.scenario_yaml = plan.scenario_yaml.replace(
+            "friction: 2.2}\n  - {name: d", "friction: {+x: 2.2, -x: 0, +y: 2.2, -y: 2.2, top: 2.2}}\n  - {name: d"
+        ).replace("spine_shear_N: 5", "spine_shear_N: 60")
+        for knot in plan.knots:
+            knot.limbs[LR].friction = 0.0
+
+    found = only(broken(change), "hold")
+    assert {(v.limb, v.detail) for v in found} == {
+        ("LR", "a face in contact has friction 0, expected more: spines alone do not make a grasp")
+    }
+
+
 @pytest.mark.parametrize("finger", [1, 2])
 def test_a_finger_that_hangs_by_its_spines_must_not_press(finger: int) -> None:
     """Amount: its normal force. Between the knots its partner's share of the pull is all there is: nothing squeezes."""

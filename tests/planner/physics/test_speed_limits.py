@@ -56,14 +56,14 @@ def slippery_wall() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("spines", [False, True])
-def test_a_start_that_no_robot_can_hold_is_refused(robot: Robot, spines: bool) -> None:
+@pytest.mark.parametrize("face", ["+x", "-x"])
+def test_a_start_that_no_robot_can_hold_is_refused(robot: Robot, face: str, spines: bool) -> None:
+    """The runtime takes no grasp without friction (plan_validation.cpp), whatever the spines bear."""
     wall = slippery_wall()
-    for part in wall["holds"]:
-        part["spines"] = dict.fromkeys(("+x", "-x"), spines)
-    if spines:
-        assert build_problem(scenario(wall), robot).start_contacts
-        return
-    with pytest.raises(ScenarioError, match=r"start\.grasps\.LR.*no robot can hold on there: a face without friction"):
+    wall["holds"][2]["spines"] = {face: spines}
+    wall["holds"][2]["friction"] = dict.fromkeys(("+x", "-x", "+y", "-y", "top"), 1.8) | {face: 0.0}
+    refusal = rf"start\.grasps\.LR: \S+, faces x: face \{face[0]}x has friction 0, both faces of a grasp need more"
+    with pytest.raises(ScenarioError, match=refusal):
         build_problem(scenario(wall), robot)
 
 

@@ -27,7 +27,7 @@ from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.stage_problem import StageProblem
 from walls import scenario, two_rows
 
-SLIPPERY = {"+x": 0.0, "-x": 2.2, "+y": 2.2, "-y": 2.2, "top": 2.2}
+SLIPPERY = {"+x": 0.05, "-x": 2.2, "+y": 2.2, "-y": 2.2, "top": 2.2}
 UNLIKE = {"+x": 0.7, "-x": 2.2, "+y": 2.2, "-y": 1.0, "top": 2.2}
 WALLS: dict[str, dict[str, Any]] = {
     "rough": {},
