@@ -5,11 +5,12 @@ What the functions need is imported when they are called: the thresholds alone c
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from crux_contracts.robot import load_robot
+from crux_contracts.robot import Robot, load_robot
 from crux_contracts.scenario import Scenario, ScenarioError
 
 from crux_planner.solvers import clock
@@ -18,6 +19,7 @@ from crux_planner.trajectory.consensus import FORCE_THRESHOLD_N, POSITION_THRESH
 if TYPE_CHECKING:
     from crux_planner.admm.admm import Decided
     from crux_planner.checker import CheckReport
+    from crux_planner.pipeline.wall_check import WallReport
     from crux_planner.trajectory.knot_qp import KnotSolution
 
 __all__ = [
@@ -25,11 +27,13 @@ __all__ = [
     "METHODS_HERE",
     "POSITION_THRESHOLD_M",
     "MethodReport",
+    "WallReport",
     "climb_report",
     "least_normal_N",
     "limits",
     "start_is_well_formed",
     "walk_residuals",
+    "wall_report",
 ]
 
 LIMIT_S = 300.0
@@ -128,3 +132,12 @@ def start_is_well_formed(scenario: Scenario) -> bool:
     except InfeasibleError:
         return True
     return True
+
+
+def wall_report(
+    scenario: Scenario, robot: Robot, limit_s: float, looks: int, at: Callable[[float], None]
+) -> WallReport:
+    """What a wall offers a robot: see `crux_planner.pipeline.wall_check`."""
+    from crux_planner.pipeline import wall_check
+
+    return wall_check.wall_report(scenario, robot, limit_s, looks, at)

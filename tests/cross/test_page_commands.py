@@ -70,6 +70,7 @@ ELSEWHERE = {
     r"crux plan SCENARIO -o NEW.mcap --from .*": ("tests/planner/pipeline/test_plan_cli.py", '"--from"'),
     r"crux robot import maker.urdf .*|crux robot check robots/mine": ("tests/tools/test_robot_import.py", '"import"'),
     r"crux wall import .*": ("tests/tools/test_wall_import.py", '"import"'),
+    r"crux wall check .*": ("tests/tools/test_wall_check.py", '"check"'),
     r"crux robot check .*": ("tests/tools/test_robot_check.py", '"check"'),
     r"python examples/\S+ .*": ("tests/examples/test_examples.py", 'example("plan_a_wall")'),
     r"python tests/msgs/msgs_golden.py": ("tests/msgs/test_golden.py", "msgs_golden"),

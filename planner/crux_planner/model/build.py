@@ -6,7 +6,9 @@ not allow, an InfeasibleError.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -107,6 +109,20 @@ def build_problem(
     return problem if scenario.uncertainty is None else problem.sure_of(scenario.uncertainty)
 
 
+def wall_contacts(
+    scenario: Scenario, robot: Robot, off_centre: bool
+) -> tuple[list[Contact], dict[tuple[int, int], str]]:
+    """All grasps that the wall offers, for the heading of the start, and why a (hold, pair) offers none: whatever start
+    and goal are.
+    """
+    reach = reach_of(robot, tilt_for([np.zeros(3)], robot.body.max_tilt_rad))
+    clearance_m = scenario.planner.margins.get("clearance_m", robot.grasp.swing_clearance_m)
+    limits = _swing_limits(scenario, robot, reach.box, clearance_m)
+    gripper, heading = robot.gripper, scenario.start.body.rpy_rad[2]
+    shape = GripperShape(*gripper.opening_m, gripper.open_opening_m, gripper.pad_radius_m, gripper.finger_height_m)
+    return _contacts(scenario, robot, _cuboids(scenario, heading), shape, limits, off_centre)
+
+
 def reach_of(robot: Robot, tilt_rad: float) -> LimbReach:
     """(9a) for tilts up to `tilt_rad` and every gripper yaw, from the pads' least height on a hold to the highest
     swing; the outer set for all tilts. Raises InfeasibleError where limbs do not reach so with the body that tilted.
@@ -173,7 +189,7 @@ def _contacts(
         for pair in (0, 1):
             half = hold.size_m[pair] / 2
             if height is None:
-                unusable[index, pair] = f"it is {hold.size_m[2]:g} m high, too low or too high for the gripper's pads"
+                unusable[index, pair] = _height_text(hold.size_m[2], robot, contact.patch_radius_m, palm)
                 continue
             if hold.size_m[1 - pair] < 2 * contact.patch_radius_m:
                 unusable[index, pair] = f"its faces are narrower than the patch, {2 * contact.patch_radius_m:g} m"
@@ -201,10 +217,27 @@ def _contacts(
                 for yaw, swapped in yaws_in_range(normal, yaw_range):
                     contacts.append(_contact(scenario, hold, index, pair, swapped, yaw, centre, opening))
             if not contacts or (contacts[-1].hold, contacts[-1].pair) != (index, pair):
-                unusable[index, pair] = f"its neighbours leave the fingers no space to open ({limits.clearance_m:g} m)"
+                needed = min(limits.clearance_m, TIGHT_CLEARANCE_M)
+                left = _left_m(partial(opening_for, middle, axis, index, half, cuboids, shape), needed)
+                mm = f"{1000 * left:.0f} mm beside the fingers, they need {1000 * needed:.0f} mm to open"
+                unusable[index, pair] = f"its neighbours leave {mm}"
     fingers = sorted(set(contact.spines_only.values()))
     by_spines = (replace(c, spines_only=finger) for finger in fingers for c in contacts)
     return contacts + [c for c in by_spines if not c.slippery], unusable
+
+
+def _height_text(height_m: float, robot: Robot, patch_radius_m: float, palm_above_pad_m: float) -> str:
+    """Why a hold of this height takes no pads."""
+    low, high = robot.grasp.pad_height_m
+    least, most = max(low, patch_radius_m) + patch_radius_m, high + palm_above_pad_m
+    limit = f"lower than the {least:g} m" if height_m < least else f"higher than the {most:g} m"
+    return f"it is {height_m:g} m high, {limit} that the gripper's pads and palm need"
+
+
+def _left_m(opening: Callable[[float], float | None], needed_m: float) -> float:
+    """The most clearance, 0 at least, with which there still is an opening."""
+    tried = np.linspace(needed_m, 0.0, 19)
+    return float(next((clearance for clearance in tried if opening(clearance) is not None), 0.0))
 
 
 def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:

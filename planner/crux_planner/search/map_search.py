@@ -34,7 +34,7 @@ Step = tuple[Stance, int, Stance]
 
 
 @dataclass(frozen=True)
-class _Swing:
+class Swing:
     """A limb that may go to a contact: not looked at closely yet."""
 
     before: Node
@@ -73,14 +73,14 @@ class MapSearch:
             return None
         best: dict[Node, float] = {}
         parent: dict[Node, tuple[Node, int]] = {}
-        queue: list[tuple[float, bool, int, float, Node | _Swing]] = []
+        queue: list[tuple[float, bool, int, float, Node | Swing]] = []
         for part in set(np.unique(self._parts(start)[self.masks.start]).tolist()) - {0}:
             best[start, part] = 0
             heapq.heappush(queue, (0.0, False, next(count), 0.0, (start, part)))
         done: set[Node] = set()
         while queue and most > 0 and clock.now() < deadline:
             rank, *_, cost, each = heapq.heappop(queue)
-            if isinstance(each, _Swing):
+            if isinstance(each, Swing):
                 if (each.before[0], each.limb, each.after) in without:
                     continue
                 most -= 1
@@ -131,7 +131,7 @@ class MapSearch:
         hops = [self._hops[c, self.goals[:, limb]] for limb, c in enumerate(stance)]
         return float(np.sum(hops, axis=0).min())
 
-    def _cost(self, swing: _Swing) -> float:
+    def _cost(self, swing: Swing) -> float:
         """Of a move: mostly its being one."""
         way = self._places[swing.end] - self._places[swing.before[0][swing.limb]]
         return 1.0 + WAY_SHARE * float(np.linalg.norm(way)) / HOP_M
@@ -143,7 +143,7 @@ class MapSearch:
         there = (self._parts(stance) == part) & self.masks.goal
         return bool(there.any()) and self.footing.held_at(stance, stance, there)
 
-    def _swings(self, node: Node) -> list[_Swing]:
+    def _swings(self, node: Node) -> list[Swing]:
         """What may follow a node."""
         (stance, part), found = node, []
         mine = self._parts(stance) == part
@@ -159,10 +159,10 @@ class MapSearch:
             for end in self._usable[limb]:
                 fits = end != stance[limb] and self.problem.contacts[end].hold not in holds
                 if fits and (free & self.masks.held(limb, self.masks.at(end))).any():
-                    found.append(_Swing(node, limb, end, lift, free))
+                    found.append(Swing(node, limb, end, lift, free))
         return found
 
-    def _landed(self, swing: _Swing) -> list[int]:
+    def _landed(self, swing: Swing) -> list[int]:
         """The parts of the stance after a swing in which the body may come to be."""
         (stance, _), limb, end, after = swing.before, swing.limb, swing.end, swing.after
         held: Contacts = tuple(c if other != limb else None for other, c in enumerate(stance))

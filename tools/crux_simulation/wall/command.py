@@ -1,4 +1,4 @@
-"""`crux wall import`."""
+"""`crux wall` and its `import`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 
 from crux_tools.arguments import positive, taught
 from crux_tools.output import add_json_option
+
+from crux_simulation.wall.check_command import add_check
 
 
 def add_import(actions: Any) -> None:
@@ -148,14 +150,17 @@ def add_parser(subparsers: Any) -> None:
     """Adds `crux wall` with its actions."""
     parser = subparsers.add_parser(
         "wall",
-        help="make a wall of a scan",
+        help="make a wall of a scan, and check what it offers",
         **taught(
-            "Walls: import makes a scenario of a mesh or a height map.",
+            "Walls: import makes a scenario of a mesh or a height map. check says which holds a robot can grip, by "
+            "which limbs and from where, and how far up it gets.",
             "crux wall import scan.ply -o wall.yaml --down 0 0 -1",
+            "crux wall check wall.yaml --picture wall.png",
         ),
     )
     actions = parser.add_subparsers(dest="wall_action", metavar="ACTION", required=True)
     add_import(actions)
+    add_check(actions)
 
 
 def run(options: argparse.Namespace) -> int:
