@@ -110,6 +110,7 @@ def compare_again(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert same.cycles == len(read_log(log).time_s)
     told = read_payloads(log, {"/plan", "/control_input", "/control_output", "/robot_state"})
     monkeypatch.setattr("crux_tools.replay.recompute.read_payloads", lambda *_: told)
+    monkeypatch.setattr("crux_tools.replay.recompute.payload_blocks", lambda *_: [(told, 1.0)])
     inputs, cycle = told.payloads["/control_input"], 4000
     layout = fixed_dtype(told.definitions["/control_input"])
     assert layout is not None

@@ -72,15 +72,13 @@ def _check(options: argparse.Namespace) -> int:
     from crux_tools.telemetry.can_frames import CHECKED, HEALTH
     from crux_tools.telemetry.channels import read_payloads
 
-    log = read_payloads(options.log, recompute.TOPICS | CHECKED)
-
     def frames() -> BusCheck | None:
         from crux_tools.replay.bus_check import checked  # while the core computes, which takes longest
 
-        return checked(log)
+        return checked(read_payloads(options.log, CHECKED))
 
     robot = None if options.robot is None else load_robot(options.robot)
-    found, bus = recompute.recomputed(log, options.log, frames, options.within, robot)
+    found, bus = recompute.recomputed(options.log, frames, options.within, robot)
     ok = found.ok and (bus is None or bus.first_difference is None)
     if options.json:
         print_json(found.to_json() | {"ok": ok, "bus": None if bus is None else vars(bus)})

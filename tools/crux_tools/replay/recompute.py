@@ -12,10 +12,11 @@ import math
 import struct
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from queue import Queue
 from typing import IO, Any, TypeVar
 
 import numpy as np
@@ -26,17 +27,18 @@ from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import progress
 from crux_tools.paths import built
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
-from crux_tools.telemetry.channels import Payloads, read_payloads
+from crux_tools.telemetry.channels import Payloads, payload_blocks, read_payloads
 from crux_tools.telemetry.description import difference, robot_of
 from crux_tools.telemetry.log_format import newer_format
 
 T = TypeVar("T")
+Messages = list[tuple[str, bytes]]  # of topics
 BINARY = "runtime/app/crux-recompute"
 PLAN, RESTART, INPUT = "/plan", "/restart", "/control_input"
 OUTPUTS = ("/control_output", "/robot_state")  # of a cycle, as crux-recompute writes them
 KIND = {PLAN: 0, INPUT: 1, RESTART: 2}
 TOPICS = {*KIND, *OUTPUTS}
-BLOCK = 500  # messages that are given, cycles that are compared at once
+BEHIND = 500  # cycles that the core has got when one is compared: more than it keeps before it writes
 _MOST_bytes = 1 << 16  # of one message
 _RECORD, _LENGTH, _CYCLE = struct.Struct("<BI"), struct.Struct("<I"), struct.Struct("<4xq")
 
@@ -80,25 +82,26 @@ class Comparison:
 
 
 def recompute(path: Path, within: float = 0.0) -> Comparison:
-    """As `recomputed`, of a file. Raises LogError besides."""
-    return recomputed(read_payloads(path, TOPICS), path, lambda: None, within)[0]
+    """As `recomputed`, of a file alone."""
+    return recomputed(path, lambda: None, within)[0]
 
 
 def recomputed(
-    log: Payloads, path: Path, beside: Callable[[], T], within: float, other_robot: Robot | None = None
+    path: Path, beside: Callable[[], T], within: float, other_robot: Robot | None = None
 ) -> tuple[Comparison, T]:
-    """`log` has what `path` has of TOPICS; besides what `beside` gives, which is called while the core computes.
+    """Besides what `beside` gives, which is called while the core computes. The log is read a part after the other.
 
     Numbers may differ by no more than `within` there. With `other_robot` the core computes by that description, in
     place of the log's own, and takes the log's plans.
-    Raises UsageError where there is nothing to compute again, WorkFailed where the core refuses.
+    Raises LogError, UsageError where there is nothing to compute again, WorkFailed where the core refuses.
     """
+    log = read_payloads(path, TOPICS, {PLAN, RESTART})
     _refuse_others(log, path)
-    given, cycles, missing_cycle = _given(log)
     switches = ["--calibrate"] if log.metadata.get("calibrates") == "yes" else []
     if other_robot is not None:
         switches += ["--as", log.metadata.get("robot_sha256", "")]
     logged = robot_of(log.metadata.get("robot", ""), log.attachments)
+    given: Queue[Messages | None] = Queue()
     with (
         logged if other_robot is None else contextlib.nullcontext(other_robot) as robot,
         tempfile.TemporaryFile() as errors,
@@ -111,22 +114,24 @@ def recomputed(
         assert core.stdout is not None
         feeding, found_beside = threads.submit(_feed, core.stdin, given), threads.submit(beside)
         try:
-            found = _compare(log, core.stdout, cycles, missing_cycle, within)
+            found = _Comparing(log, core.stdout, given, within).all_of(payload_blocks(path, {INPUT, *OUTPUTS}))
         except EOFError as error:
             core.wait()
             errors.seek(0)
             raise WorkFailed(f"{path}: {errors.read().decode(errors='replace').strip()}") from error
         finally:
             core.kill()
+            given.put(None)
             feeding.result()
+        if not found.cycles and found.missing_cycle is None and found.first_difference is None:
+            _refuse_empty(path, (INPUT, *OUTPUTS))
         return found, found_beside.result()
 
 
 def _refuse_others(log: Payloads, path: Path) -> None:
     """Raises UsageError for what is no log, or one of another robot or crux."""
-    missing = [topic for topic in (INPUT, *OUTPUTS) if not log.payloads.get(topic)]
-    if missing:
-        raise UsageError(f"{path}: no {', '.join(missing)} in it: this is no log of crux-runtime")
+    if missing := [topic for topic in (INPUT, *OUTPUTS) if topic not in log.definitions]:
+        _refuse_empty(path, missing)
     if not log.attachments and (differs := difference(log.metadata, {})):
         raise UsageError(f"{path}: {differs}")
     for topic in (INPUT, *OUTPUTS):
@@ -141,35 +146,15 @@ def _refuse_others(log: Payloads, path: Path) -> None:
         )
 
 
-def _feed(records: IO[bytes], given: list[tuple[str, bytes]]) -> None:
-    """Gives the core what it got, as fast as it takes it."""
+def _refuse_empty(path: Path, missing: Iterable[str]) -> None:
+    raise UsageError(f"{path}: no {', '.join(missing)} in it: this is no log of crux-runtime")
+
+
+def _feed(records: IO[bytes], given: Queue[Messages | None]) -> None:
+    """Gives the core what it got, as fast as it takes it, until there is None."""
     with contextlib.suppress(BrokenPipeError), records:  # it has been ended: the first difference is found
-        for first in range(0, len(given), BLOCK):
-            block = given[first : first + BLOCK]
+        while (block := given.get()) is not None:
             records.write(b"".join(_RECORD.pack(KIND[topic], len(payload)) + payload for topic, payload in block))
-
-
-def _given(log: Payloads) -> tuple[list[tuple[str, bytes]], list[int], int | None]:
-    """What the core got, in that order, the cycles, and the first one that is missing."""
-    before = [
-        (time_ns, topic, payload)
-        for topic in (PLAN, RESTART)
-        for time_ns, payload in zip(log.times_ns.get(topic, []), log.payloads.get(topic, []), strict=True)
-    ]
-    before.sort(key=lambda message: message[0])  # a restart goes on with the plan of the same time
-    given: list[tuple[str, bytes]] = []
-    cycles: list[int] = []
-    expected = int(log.metadata.get("first_cycle", "1"))
-    for time_ns, payload in zip(log.times_ns[INPUT], log.payloads[INPUT], strict=True):
-        (cycle,) = _CYCLE.unpack_from(payload)
-        if cycle != expected:
-            return given, cycles, expected
-        expected += 1
-        while before and before[0][0] <= time_ns:
-            given.append(before.pop(0)[1:])
-        given.append((INPUT, payload))
-        cycles.append(cycle)
-    return given, cycles, None
 
 
 def _read(computed: IO[bytes], length: int) -> bytes:
@@ -179,27 +164,87 @@ def _read(computed: IO[bytes], length: int) -> bytes:
     return found
 
 
-def _compare(
-    log: Payloads, computed: IO[bytes], cycles: list[int], missing_cycle: int | None, within: float
-) -> Comparison:
-    logged = [log.payloads[topic] for topic in OUTPUTS]
-    largest = 0.0
-    whole = min(len(cycles), *map(len, logged))  # the last cycle may be cut off
-    same = (all(_CYCLE.unpack_from(each[row])[0] == cycles[row] for each in logged) for row in range(whole))
-    if (other := next((row for row, is_same in enumerate(same) if not is_same), None)) is not None:
-        whole, missing_cycle = other, cycles[other]
-    with progress("computing again", whole) as bar:
-        for first in range(0, whole, BLOCK):
-            rows = range(first, min(first + BLOCK, whole))
-            expected = [(row, i, _framed(logged[i][row])) for row in rows for i in range(len(OUTPUTS))]
-            again = _read(computed, sum(len(message) for *_, message in expected))
-            if again != b"".join(message for *_, message in expected):
-                row, found, distance = _first_difference(log, cycles, expected, again, computed, within)
-                if found is not None:
-                    return Comparison(row + 1, found, missing_cycle)
-                largest = max(largest, distance)
-            bar.at(rows.stop)
-    return Comparison(whole, None, missing_cycle, largest)
+class _Comparing:
+    """The core's outputs against the log's, as the file is read: what is not compared yet is all that is kept."""
+
+    def __init__(self, log: Payloads, computed: IO[bytes], given: Queue[Messages | None], within: float) -> None:
+        self._log, self._computed, self._given, self._within = log, computed, given, within
+        self._before = sorted(
+            (
+                (time_ns, topic, payload)
+                for topic in (PLAN, RESTART)
+                for time_ns, payload in zip(log.times_ns.get(topic, []), log.payloads.get(topic, []), strict=True)
+            ),
+            key=lambda message: message[0],  # a restart goes on with the plan of the same time
+        )
+        self._expected = int(log.metadata.get("first_cycle", "1"))  # next
+        self._cycles: list[int] = []  # given to the core, not compared
+        self._logged: tuple[list[bytes], ...] = tuple([] for _ in OUTPUTS)
+        self._done, self._largest = 0, 0.0
+        self._missing_cycle: int | None = None
+
+    def all_of(self, blocks: Iterable[tuple[Payloads, float]]) -> Comparison:
+        """Compares to the end of the log, or to the first difference, or to a cycle that the log has not."""
+        with progress("computing again", 1.0) as bar:
+            for block, share in blocks:
+                self._take(block)
+                ready = min(len(self._cycles), *map(len, self._logged))
+                ends = share == 1.0 or (self._missing_cycle is not None and ready == len(self._cycles))
+                if ends:
+                    self._given.put(None)
+                elif ready < 2 * BEHIND:
+                    continue
+                found = self._compare(ready if ends else ready - BEHIND)
+                if ends or found is not None or self._missing_cycle is not None:
+                    break
+                bar.at(share)
+        return Comparison(self._done, found, self._missing_cycle, self._largest)
+
+    def _take(self, block: Payloads) -> None:
+        """Gives the core the inputs of a block, and whatever came before each; keeps the outputs."""
+        inputs = zip(block.times_ns.get(INPUT, []), block.payloads.get(INPUT, []), strict=True)
+        given: Messages = []
+        for time_ns, payload in inputs if self._missing_cycle is None else ():
+            (cycle,) = _CYCLE.unpack_from(payload)
+            if cycle != self._expected:
+                self._missing_cycle = self._expected
+                break
+            self._expected += 1
+            while self._before and self._before[0][0] <= time_ns:
+                given.append(self._before.pop(0)[1:])
+            given.append((INPUT, payload))
+            self._cycles.append(cycle)
+        self._given.put(given)
+        for kept, topic in zip(self._logged, OUTPUTS, strict=True):
+            kept.extend(block.payloads.get(topic, []))
+
+    def _rest(self) -> bytes:
+        """What the core has written besides; it gets nothing more."""
+        self._given.put(None)
+        return self._computed.read(_MOST_bytes)
+
+    def _compare(self, ready: int) -> Difference | None:
+        """The next cycles, up to one whose outputs the log has not."""
+        cycles = self._cycles[:ready]
+        has = [
+            all(_CYCLE.unpack_from(each[row])[0] == cycle for each in self._logged) for row, cycle in enumerate(cycles)
+        ]
+        whole = has.index(False) if False in has else ready
+        expected = [(row, i, _framed(self._logged[i][row])) for row in range(whole) for i in range(len(OUTPUTS))]
+        again = _read(self._computed, sum(len(message) for *_, message in expected))
+        if again != b"".join(message for *_, message in expected):
+            row, found, distance = _first_difference(self._log, cycles, expected, again, self._rest, self._within)
+            if found is not None:
+                self._done += row + 1
+                return found
+            self._largest = max(self._largest, distance)
+        self._done += whole
+        if whole < ready:
+            self._missing_cycle = cycles[whole]
+        del self._cycles[:ready]
+        for kept in self._logged:
+            del kept[:ready]
+        return None
 
 
 def _framed(message: bytes) -> bytes:
@@ -212,7 +257,7 @@ def _first_difference(
     cycles: list[int],
     expected: list[tuple[int, int, bytes]],
     again: bytes,
-    computed: IO[bytes],
+    rest: Callable[[], bytes],
     within: float,
 ) -> tuple[int, Difference | None, float]:
     """In a block of messages of which at least one came out otherwise: its row, or else how far all are at most."""
@@ -221,7 +266,7 @@ def _first_difference(
         if again[at : at + len(message)] != message:
             (length,) = _LENGTH.unpack_from(again, at)
             if at + _LENGTH.size + length > len(again):
-                again += computed.read(_MOST_bytes)
+                again += rest()
             old, new = message[_LENGTH.size :], again[at + _LENGTH.size : at + _LENGTH.size + length]
             distance = _distance(log, OUTPUTS[i], old, new) if within else math.inf
             if distance > within:

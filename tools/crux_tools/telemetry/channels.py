@@ -131,7 +131,8 @@ def _stream(record: bytes) -> ReadDataStream:
     return ReadDataStream(BytesIO(record))
 
 
-def _read_raw(path: Path, wanted: Callable[[str], bool]) -> Raw:
+def _raws(path: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[Raw, float]]:
+    """What is read so far, and the share of the file behind, 0 to 1: after every chunk, and at the end."""
     raw = Raw()
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
@@ -143,6 +144,7 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> Raw:
             for at, record in records(file, size):
                 if isinstance(record, Chunk):
                     _take_chunk(raw, unpacker.content(record, at), wanted)
+                    yield raw, at / size
                 elif isinstance(record, Schema):
                     raw.schemas[record.id] = record
                 elif isinstance(record, Channel):
@@ -159,7 +161,7 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> Raw:
         except READ_ERRORS:
             raw.end = None  # the file is cut off
         raw.notes += unpacker.notes()
-    return raw
+    yield raw, 1.0
 
 
 @contextmanager
@@ -206,9 +208,22 @@ def read_channels(path: Path, topics: set[str] | None = None) -> Channels:
     return decode(_opened(path, lambda topic: topic != CAN_FRAMES and (topics is None or topic in topics)), path)
 
 
-def read_payloads(path: Path, topics: set[str]) -> Payloads:
-    """The messages of some topics, not decoded. Raises LogError as `read_channels` does."""
-    return _payloads(_opened(path, topics.__contains__), topics)
+def read_payloads(path: Path, topics: set[str], kept: set[str] | None = None) -> Payloads:
+    """The messages of some topics, not decoded; with `kept`, of the others only the definitions. Raises LogError as
+    `read_channels` does.
+    """
+    return _payloads(_opened(path, (topics if kept is None else kept).__contains__), topics)
+
+
+def payload_blocks(path: Path, topics: set[str]) -> Iterator[tuple[Payloads, float]]:
+    """The messages of some topics, a part of the file after the other, each with the share of the file behind it: as
+    much as a chunk is in memory. Raises LogError as `read_channels` does.
+    """
+    for raw, share in _found(path, topics.__contains__):
+        _clocked(raw, path)
+        yield _payloads(raw, topics), share
+        raw.payloads.clear()
+        raw.times_ns.clear()
 
 
 def read_both(path: Path) -> tuple[Channels, Payloads]:
@@ -228,16 +243,25 @@ def _payloads(raw: Raw, topics: set[str]) -> Payloads:
 
 
 def _opened(path: Path, wanted: Callable[[str], bool]) -> Raw:
+    *_, (raw, _) = _found(path, wanted)
+    _clocked(raw, path)
+    return raw
+
+
+def _found(path: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[Raw, float]]:
+    """As `_raws`. Raises LogError where there is no file, or none that may be read."""
     if path.is_dir():
         raise LogError(f"{path}: is a folder, a plan or log (.mcap) is needed")
     if not path.exists():
         raise LogError(f"{path}: no such file")
     try:
-        raw = _read_raw(path, wanted)
+        yield from _raws(path, wanted)
     except PermissionError as error:
         raise LogError(f"{path}: may not be read (permission denied)") from error
+
+
+def _clocked(raw: Raw, path: Path) -> None:
     for number, times_ns in raw.times_ns.items():
         if max(times_ns, default=0) > MAX_TIME_NS:
             topic = raw.channels[number].topic
             raise LogError(f"{path}: channel {topic}: a message of log time {max(times_ns)} ns, which no clock has")
-    return raw
