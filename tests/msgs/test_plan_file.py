@@ -3,11 +3,13 @@ from __future__ import annotations
 import io
 import subprocess
 import sysconfig
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from crux_contracts import plan_file
+from crux_contracts.channels import SCHEMAS
 from crux_contracts.plan_file import PlanFileError, from_bytes, plan_id, read_plan, to_bytes, write_plan
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -120,6 +122,17 @@ def test_other_files_are_told_apart(tmp_path: Path) -> None:
         read_plan(tmp_path / "none.mcap")
     with pytest.raises(PlanFileError, match="Is a directory"):
         read_plan(tmp_path)
+
+
+def test_a_plan_of_a_crux_that_knew_fewer_constants_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = SCHEMAS["plan_t"]
+    older = "".join(line for line in now.definition.splitlines(keepends=True) if "FORMAT_OWN_TIMES" not in line)
+    assert older != now.definition
+    with monkeypatch.context() as before:
+        before.setitem(SCHEMAS, "plan_t", replace(now, definition=older))
+        written = to_bytes(sample_plan())
+    assert written != to_bytes(sample_plan())
+    assert from_bytes(written).plan_id == from_bytes(to_bytes(sample_plan())).plan_id
 
 
 def test_huge_files_are_refused_before_reading(tmp_path: Path) -> None:
