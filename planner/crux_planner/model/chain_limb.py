@@ -7,7 +7,6 @@ second derivatives: the error of each step is that of the one before times the w
 
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from crux_contracts.robot import Limb, Robot
 from crux_contracts.robot_bounds import JOINTS
@@ -98,6 +97,6 @@ def place_in(frame: Frame, place: Vector) -> Vector:
 
 
 def _sine_cosine(angle: Any) -> tuple[Any, Any]:
-    if isinstance(angle, ca.SX):
-        return ca.sin(angle), ca.cos(angle)
+    if hasattr(angle, "is_symbolic"):  # of casadi, whose import takes long
+        return angle.sin(), angle.cos()
     return np.sin(angle), np.cos(angle)

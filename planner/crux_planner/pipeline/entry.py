@@ -8,7 +8,6 @@ from crux_contracts.scenario import METHODS, Scenario, parse_scenario
 
 from crux_planner.errors import wrong
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.pace import paced
 from crux_planner.pipeline.session import CHECK_S, CHECK_SHARE, LONGER_S, TIME_LIMIT_S, Progress, Session, Work
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker
@@ -57,6 +56,8 @@ def plan(
             from crux_planner.pipeline import climb
 
             result = climb.plan(session, worker, prove_s)
+            from crux_planner.pipeline.pace import paced
+
             result = paced(result, scenario, robot, work)
         result.method = method
         result.seconds, result.computed_s = session.work.took_s()
