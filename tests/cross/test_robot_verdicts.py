@@ -86,6 +86,19 @@ def test_another_robot_is_taken_by_both(case: Case, tmp_path: Path) -> None:
     assert of_runtime(robot) == ""
 
 
+def test_names_have_the_limb_where_they_say(tmp_path: Path) -> None:
+    robot = tmp_path / "scaler"
+    shutil.copytree(ROBOTS / "scaler", robot)
+    urdf, yaml = (robot / name for name in (URDF, YAML))
+    text = re.sub(r'"(LF|RF|LR|RR)_(\w+)"', r'"\2-\1"', urdf.read_text(encoding="utf-8"))
+    urdf.write_text(text, encoding="utf-8")
+    text = re.sub(r"\b(joint[1-6]|finger[12]_slide)\b", r'"\1-{}"', yaml.read_text(encoding="utf-8"))
+    yaml.write_text(text.replace("gripper_frame: gripper", 'gripper_frame: "gripper-{}"'), encoding="utf-8")
+    assert of_python(robot) == []
+    assert of_runtime(robot) == ""
+    assert load_robot(robot).limbs[1].joint_names[0] == "joint1-RF"
+
+
 def test_the_inertia_of_a_turned_frame_is_the_same_in_its_axes(tmp_path: Path) -> None:
     import pinocchio
 

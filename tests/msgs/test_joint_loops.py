@@ -46,7 +46,7 @@ def energy_after(loops: JointLoops, inertia: Array, delay_s: float, seconds: flo
 @pytest.mark.parametrize("posture", [0, 4, 12])
 def test_a_loop_that_is_run_oscillates_from_the_margin_on(posture: int) -> None:
     robot = load_robot("scaler")
-    loops = joint_loops(robot, np.array(list(postures(robot.limbs[0]))))
+    loops = joint_loops(robot, robot.limbs[0], np.array(list(postures(robot.limbs[0]))))
     margin_s = loops.delay_margins_s()[posture]
     assert energy_after(loops, loops.inertia[posture], 0.95 * margin_s, 1.6) < 0.7
     assert energy_after(loops, loops.inertia[posture], 1.05 * margin_s, 1.6) > 1.5
@@ -58,7 +58,7 @@ def test_shipped_gains_bear_four_milliseconds_twice_in_every_posture(name: str) 
     limb = robot.limbs[0]
     anywhere = np.random.default_rng(0).uniform(limb.lower_rad, limb.upper_rad, (150, 6))
     assert robot.servo.dead_time_s >= 0.004
-    assert joint_loops(robot, anywhere).delay_margins_s().min() >= 0.008
+    assert joint_loops(robot, robot.limbs[0], anywhere).delay_margins_s().min() >= 0.008
 
 
 def test_damping_that_is_too_hard_is_not_borne() -> None:
@@ -66,6 +66,8 @@ def test_damping_that_is_too_hard_is_not_borne() -> None:
     limb = robot.limbs[0]
     anywhere = np.random.default_rng(0).uniform(limb.lower_rad, limb.upper_rad, (12, 6))
     loops = replace(
-        joint_loops(robot, anywhere), position=np.repeat([100.0, 60.0], 3), velocity=np.repeat([4.0, 1.0], 3)
+        joint_loops(robot, robot.limbs[0], anywhere),
+        position=np.repeat([100.0, 60.0], 3),
+        velocity=np.repeat([4.0, 1.0], 3),
     )
     assert 0.003 < loops.delay_margins_s().min() < 0.004

@@ -23,11 +23,11 @@ Array = NDArray[np.float64]
 
 
 def joint_loop_problems(robot: Robot) -> Iterator[Problem]:
-    """What is wrong with the gains of section servo, judged at the first limb: all are alike."""
+    """What is wrong with the gains of section servo, of the first limb at which something is."""
     needed_s = DEAD_TIME_MARGIN * robot.servo.dead_time_s
-    loops = joint_loops(robot, np.array(list(postures(robot.limbs[0]))))
-    margins_s = loops.delay_margins_s()
-    if float(margins_s.min()) >= needed_s:
+    each = (_loops_and_margins(robot, limb) for limb in robot.limbs)
+    loops, margins_s = next((each for each in each if float(each[1].min()) < needed_s), (None, np.zeros(0)))
+    if loops is None:
         return
     why = (
         f"a delay margin of {margins_s.min():.2g} s in the worst posture, expected at least {needed_s:.2g}: "
@@ -43,14 +43,19 @@ def joint_loop_problems(robot: Robot) -> Iterator[Problem]:
 
 def borne_dead_time_s(robot: Robot) -> float:
     """That the joint gains bear with their margin."""
-    margins_s = joint_loops(robot, np.array(list(postures(robot.limbs[0])))).delay_margins_s()
-    return float(margins_s.min()) / DEAD_TIME_MARGIN
+    margins_s = [_loops_and_margins(robot, limb)[1].min() for limb in robot.limbs]
+    return float(min(margins_s)) / DEAD_TIME_MARGIN
 
 
-def joint_loops(robot: Robot, postures_rad: Array) -> JointLoops:
-    """Of the first limb with its joints at `postures_rad` (n, 6)."""
+def _loops_and_margins(robot: Robot, limb: Limb) -> tuple[JointLoops, Array]:
+    loops = joint_loops(robot, limb, np.array(list(postures(limb))))
+    return loops, loops.delay_margins_s()
+
+
+def joint_loops(robot: Robot, limb: Limb, postures_rad: Array) -> JointLoops:
+    """Of a limb with its joints at `postures_rad` (n, 6)."""
     servo = robot.servo
-    inertias = np.array([joint_inertia(robot.urdf, robot.limbs[0], q_rad) for q_rad in postures_rad])
+    inertias = np.array([joint_inertia(robot.urdf, limb, q_rad) for q_rad in postures_rad])
     return JointLoops(
         inertias + np.diag(servo.armature_kg_m2),
         np.array(servo.position_gain_Nm_rad),

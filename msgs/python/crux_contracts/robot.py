@@ -144,6 +144,11 @@ def _load(files: RobotFiles) -> Robot:
     return robot
 
 
+def full_name(name: str, prefix: str) -> str:
+    """A name of section `limb` for the limb with this prefix, which stands for {}; without {} it is PREFIX_name."""
+    return name.replace("{}", prefix) if "{}" in name else f"{prefix}_{name}"
+
+
 def _limbs(rules: RobotRules, file: RobotYaml) -> tuple[Limb, ...] | None:
     """None where a limb has other joints than robot.yaml says; what is wrong is among the rules' problems."""
     if not rules.check_tree():
@@ -153,9 +158,9 @@ def _limbs(rules: RobotRules, file: RobotYaml) -> tuple[Limb, ...] | None:
     names = file.limb
     for name, limb in file.limbs.items():
         prefix = limb["prefix"]
-        gripper_link, (one, other) = f"{prefix}_{names.gripper_frame}", names.finger_joints
-        chain = rules.chain(name, gripper_link, [f"{prefix}_{joint}" for joint in names.joints])
-        both = (f"{prefix}_{one}", f"{prefix}_{other}")
+        gripper_link, (one, other) = full_name(names.gripper_frame, prefix), names.finger_joints
+        chain = rules.chain(name, gripper_link, [full_name(joint, prefix) for joint in names.joints])
+        both = (full_name(one, prefix), full_name(other, prefix))
         there = rules.check_fingers(gripper_link, both, file.sections["gripper"].opening_m)
         if chain is not None and there:
             chains[name], fingers[name] = chain, both

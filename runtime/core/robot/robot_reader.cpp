@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <sstream>
 #include <stdexcept>
@@ -113,10 +114,20 @@ class ReadValue {
   const YamlSection& file_;
 };
 
+/// A name of section limb for the limb with this prefix, which stands for {}; without {} it is PREFIX_name.
+std::string full_name(const std::string& name, const std::string& prefix) {
+  std::size_t at = name.find("{}");
+  if (at == std::string::npos) return prefix + "_" + name;
+  std::string full = name;
+  for (; at != std::string::npos; at = full.find("{}", at + prefix.size())) full.replace(at, 2, prefix);
+  return full;
+}
+
 LimbNames limb_names(const YamlSection& limb, const std::string& prefix) {
-  LimbNames names{limb.texts<kJoints>("joints"), prefix + limb.text("gripper_frame"), limb.texts<2>("finger_joints")};
-  for (std::string& joint : names.joints) joint.insert(0, prefix);
-  for (std::string& joint : names.finger_joints) joint.insert(0, prefix);
+  LimbNames names{limb.texts<kJoints>("joints"), full_name(limb.text("gripper_frame"), prefix),
+                  limb.texts<2>("finger_joints")};
+  for (std::string& joint : names.joints) joint = full_name(joint, prefix);
+  for (std::string& joint : names.finger_joints) joint = full_name(joint, prefix);
   return names;
 }
 
@@ -127,7 +138,11 @@ double checked_joint_loops(const RobotDescription& robot, const std::string& pat
                             .velocity_gain_Nms_rad = each(servo.velocity_gain_Nms_rad),
                             .damping_Nms_rad = each(servo.damping_Nms_rad),
                             .lag_s = servo.torque_time_constant_s};
-  return checked_delay_margin_s(robot.limbs[0], loops, each(servo.armature_kg_m2), servo.dead_time_s, path);
+  double least_s = std::numeric_limits<double>::infinity();
+  for (const LimbDescription& limb : robot.limbs)
+    least_s =
+        std::min(least_s, checked_delay_margin_s(limb, loops, each(servo.armature_kg_m2), servo.dead_time_s, path));
+  return least_s;
 }
 
 RobotDescription read_robot(const std::string& yaml_path) {
@@ -147,7 +162,7 @@ RobotDescription read_robot(const std::string& yaml_path) {
     const YamlSection one = file.section("limbs").section(kLimbNames[l]);
     robot.limbs[l].name = kLimbNames[l];
     robot.limbs[l].bus = one.integer("bus");
-    names[l] = limb_names(file.section("limb"), one.text("prefix") + "_");
+    names[l] = limb_names(file.section("limb"), one.text("prefix"));
   }
   const std::string body_link = file.text("body_link");
   const PerLimb<LimbChain> chains =

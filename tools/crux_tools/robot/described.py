@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from crux_contracts.robot import Robot, RobotError, RobotFiles, load_robot, robot_files
+from crux_contracts.robot import Robot, RobotError, RobotFiles, full_name, load_robot, robot_files
 from crux_contracts.urdf import SHAPES, link_shapes, parse_xml, read_urdf
 from crux_planner.checker.limb_model import RobotModelError, WholeRobot, read_model
 
@@ -78,4 +78,4 @@ def _model(files: RobotFiles, root: ET.Element) -> WholeRobot:
 
 
 def _full(names: Sequence[str], limb: dict[str, Any]) -> tuple[str, ...]:
-    return tuple(f"{limb['prefix']}_{name}" for name in names)
+    return tuple(full_name(name, limb["prefix"]) for name in names)
