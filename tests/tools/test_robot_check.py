@@ -47,10 +47,11 @@ def test_a_robot_that_the_planner_does_not_take_is_checked_nevertheless(
 ) -> None:
     spoil(folder, '<origin xyz="0.2 0 0" rpy="0 0 0"/>', '<origin xyz="0.2 0.01 0" rpy="0.1 0 0"/>')
     spoil(folder, 'effort="6"', 'effort="0.5"')
+    spoil(folder, 'upper="0.066"', 'upper="0.065"')
     status, said, by_topic = checked(folder, capsys)
     assert status == 1
-    assert len(said["problems"]) == 8  # every joint4: place and turn
-    assert all("_joint4" in problem for problem in said["problems"])
+    assert len(said["problems"]) == 8  # every finger's travel
+    assert all("_finger" in problem for problem in said["problems"])
     assert by_topic["reach"]["verdict"] == "good"
     assert "does not hold" in by_topic["peak torques"]["remedy"]
 
