@@ -187,8 +187,6 @@ void ControlCore::follow_supervisor(bool well) noexcept {
   for (int l = 0; l < kLimbs; ++l) {
     limbs_[l].fingers().trust(!faults_.health().finger_force_distrusted[l]);
     limbs_[l].trust_force_torque(!faults_.health().force_torque_distrusted[l]);
-    limbs_[l].fingers().stop(faults_.health().gripper_stopped[l]);
-    limbs_[l].stop(faults_.health().joint_stopped[l]);
   }
   if (supervisor_.rearm_requested()) {
     faults_.forgive();
@@ -329,7 +327,7 @@ void ControlCore::calibrate(double dt_s) noexcept {
   PerLimb<Yielding> translations, rotations;
   for (int l = 0; l < kLimbs; ++l) {
     // A limb that slips or has lost its hold is given no error: it shows nothing of its gains.
-    if (grips_.slip(l).slips() || health.hold_lost[l] || health.force_torque_distrusted[l] || limbs_[l].rigid())
+    if (grips_.slip(l).slips() || health.hold_lost[l] || health.force_torque_distrusted[l] || limbs_[l].blind())
       continue;
     translations[l] = limbs_[l].translation();
     rotations[l] = limbs_[l].rotation();

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <functional>
 
 #include "core/robot/geometry.hpp"
@@ -13,9 +12,6 @@ struct LimbHealth {
   PerLimb<bool> hold_lost{};                ///< it bears nothing from then on
   PerLimb<bool> force_torque_distrusted{};  ///< the F/T sensor does not fit the joints' torques: nothing is done by it
   PerLimb<bool> finger_force_distrusted{};  ///< the finger force does not fit opening and command
-  // Nodes that hold by themselves though they are told to track; they follow no command until control begins anew.
-  PerLimb<std::array<bool, kJoints>> joint_stopped{};
-  PerLimb<bool> gripper_stopped{};
 
   bool any_hold_lost() const noexcept { return std::ranges::any_of(hold_lost, std::identity()); }
   bool any_force_torque_distrusted() const noexcept {

@@ -19,8 +19,6 @@ class Fingers {
   }
   /// Whether the force measured is gone by.
   void trust(bool trusts) noexcept { trusts_force_ = trusts; }
-  /// Their node holds by itself: their command stays with them.
-  void stop(bool stops) noexcept { stopped_ = stops; }
 
   /// Control begins with the fingers where they are.
   void engage() noexcept;
@@ -77,7 +75,7 @@ class Fingers {
   double contact_force_N_;
   GraspController grasp_;
   double opening_m_ = 0.0, speed_m_s_ = 0.0, force_N_ = 0.0;  ///< measured
-  bool trusts_force_ = true, stopped_ = false;
+  bool trusts_force_ = true;
   double opened_m_ = 0.0;           ///< before they closed
   double gripped_opening_m_ = 0.0;  ///< at contact
   double gripped_time_s_ = 0.0;

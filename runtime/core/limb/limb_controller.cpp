@@ -276,13 +276,7 @@ void LimbController::comply(const LimbReference& reference, const Wrench& error_
 void LimbController::drive(const LimbReference& reference, const Wrench& wrench_W, const Vector3& gravity_W_m_s2,
                            const Pose& body_estimate_W, double engagement, double dt_s) noexcept {
   // A joint whose encoder has frozen goes further with every command, and nobody sees it.
-  if (rigid()) {
-    JointVector stays_rad = command_q_rad_;
-    for (int j = 0; j < kJoints; ++j) {
-      if (stopped_[j]) stays_rad[j] = q_rad_[j];
-    }
-    return stay_at(stays_rad);
-  }
+  if (blind()) return stay_at(command_q_rad_);
   const JointVector last_rad = ik_.q_rad;
   ik_ = inverse_.step(aim_W_.inverse() * target_W(reference), last_rad, dt_s);
   // The nodes follow x += (1 − exp(−dt/T))·(u − x); to come out at x, u leads by what is left of the last step.

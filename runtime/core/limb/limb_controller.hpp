@@ -2,8 +2,6 @@
 // joint commands.
 #pragma once
 
-#include <algorithm>
-#include <array>
 #include <crux_msgs/control_input_t.hpp>
 #include <crux_msgs/control_output_t.hpp>
 #include <crux_msgs/limb_telemetry_t.hpp>
@@ -131,12 +129,6 @@ class LimbController {
   Fingers& fingers() { return fingers_; }
   const Fingers& fingers() const { return fingers_; }
   void trust_force_torque(bool trusts) noexcept { trusts_force_torque_ = trusts; }
-  /// Joints whose nodes hold by themselves. The commands of such a limb stand still, those joints' where they are: what
-  /// it cannot yield to must not add up in them.
-  void stop(const std::array<bool, kJoints>& joints) noexcept { stopped_ = joints; }
-  bool stopped() const noexcept { return std::ranges::find(stopped_, true) != stopped_.end(); }
-  /// It yields to no force: it is blind() or stopped().
-  bool rigid() const noexcept { return blind() || stopped(); }
   /// Fingers::residual_N(), by what the F/T sensor feels.
   double finger_residual_N(const LimbReference& reference, bool begun) const noexcept {
     return fingers_.residual_N(reference, begun, wrench_W().force_N.norm() >= control_.unload_force_N);
@@ -191,7 +183,6 @@ class LimbController {
   JointVector q_rad_ = JointVector::Zero();
   JointVector torque_Nm_ = JointVector::Zero();
   bool trusts_force_torque_ = true;
-  std::array<bool, kJoints> stopped_{};
   Wrench raw_G_;
   JointVector residual_Nm_ = JointVector::Zero();           ///< filtered as the wrench is
   JointVector borne_Nm_ = JointVector::Zero();              ///< torque beyond gravity, filtered likewise

@@ -219,18 +219,11 @@ FaultEvent FaultMonitor::holding_node(const crux_msgs::control_input_t& in) noex
   const bool must_track = tracking_cycles_ > limits_.silent_cycles;
   const auto stopped = [&](int state, int faults) { return latched(faults) || (must_track && holds(state)); };
   const auto stopped_node = [&](int l) {  // the limb's first; 0: none
-    int node = 0;
-    if (stopped(in.gripper_state[l], in.gripper_faults[l])) {
-      node = can_.nodes.gripper;
-      health_.gripper_stopped[l] = tracking_cycles_ > 0;
-    }
-    for (int j = kJoints - 1; j >= 0; --j) {
+    for (int j = 0; j < kJoints; ++j) {
       const int i = l * kJoints + j;
-      if (!stopped(in.joint_state[i], in.joint_faults[i])) continue;
-      node = can_.nodes.joints[j];
-      health_.joint_stopped[l][j] = tracking_cycles_ > 0;
+      if (stopped(in.joint_state[i], in.joint_faults[i])) return can_.nodes.joints[j];
     }
-    return node;
+    return stopped(in.gripper_state[l], in.gripper_faults[l]) ? can_.nodes.gripper : 0;
   };
   FaultEvent first;
   int limbs = 0;
@@ -263,14 +256,12 @@ FaultEvent FaultMonitor::sensor_fault(const crux_msgs::control_input_t& in, Afte
 
 FaultEvent FaultMonitor::node_fault(const crux_msgs::control_input_t& in, bool tracking) noexcept {
   tracking_cycles_ = tracking ? tracking_cycles_ + 1 : 0;
-  if (!tracking) health_.joint_stopped = {}, health_.gripper_stopped = {};
-  const FaultEvent holding = holding_node(in);
   if (!all_finite(in)) return {FaultCode::kNotFinite, -1, 0, 0.0, 0.0};
   if (const FaultEvent fault = bus_fault(in)) return fault;
   if (const FaultEvent fault = doubled_node(in)) return fault;
   if (const FaultEvent fault = silent_node(After::kOtherFaults)) return fault;
   if (const FaultEvent fault = unfit_node(in, true)) return fault;
-  if (holding) return holding;
+  if (const FaultEvent fault = holding_node(in)) return fault;
   return sensor_fault(in, After::kOtherFaults);
 }
 

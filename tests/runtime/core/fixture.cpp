@@ -119,7 +119,6 @@ crux_msgs::plan_t sample_plan() {
   for (crux_msgs::hold_t& hold : plan.holds) hold = crux_msgs::hold_t{};
 
   std::vector<LimbPlan> limbs;
-  limbs.reserve(kLimbs);
   for (int l = 0; l < kLimbs; ++l) limbs.push_back({hold_position(l), hold_yaw(l), l});
   const Vector3 start(0.0, 0.0, kBodyHeight_m), aside(-0.02, -0.03, kBodyHeight_m);
   const auto add = [&](const Vector3& body_m) {
@@ -179,20 +178,17 @@ void ObedientPlant::obey(const CycleResult& result) {
   ++input_.cycle;
   for (int i = 0; i < kAllJoints; ++i) {
     const auto mode = static_cast<NodeMode>(result.output.joint_mode[i]);
-    const bool tracks = mode == NodeMode::kTrack && (input_.joint_faults[i] & kFaultCommandTimeout) == 0;
-    if (tracks) {
+    if (mode == NodeMode::kTrack) {
       input_.joint_position_rad[i] +=
           setpoint_share(input_.dt_s) * (result.output.joint_position_rad[i] - input_.joint_position_rad[i]);
       input_.joint_torque_nm[i] = result.output.joint_torque_nm[i];
     }
     if (mode == NodeMode::kRearm) input_.joint_faults[i] = 0;
-    input_.joint_state[i] = static_cast<std::int8_t>(tracks ? NodeState::kTrack : NodeState::kHold);
+    input_.joint_state[i] = static_cast<std::int8_t>(mode == NodeMode::kTrack ? NodeState::kTrack : NodeState::kHold);
   }
   const Vector3 gravity(plan_.gravity_w_m_s2);
   for (int l = 0; l < kLimbs; ++l) {
-    const auto mode = static_cast<NodeMode>(result.output.gripper_mode[l]);
-    const bool tracks = mode == NodeMode::kTrack && (input_.gripper_faults[l] & kFaultCommandTimeout) == 0;
-    if (mode == NodeMode::kRearm) input_.gripper_faults[l] = 0;
+    const bool tracks = static_cast<NodeMode>(result.output.gripper_mode[l]) == NodeMode::kTrack;
     input_.gripper_state[l] = static_cast<std::int8_t>(tracks ? NodeState::kTrack : NodeState::kHold);
     const crux_msgs::limb_telemetry_t& limb = result.telemetry[l];
     if (tracks) {

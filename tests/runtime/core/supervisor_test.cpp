@@ -475,54 +475,6 @@ TEST_F(Faults, NodesOfAllLimbsThatHoldAreNotToldAsOneNode) {
   expect_fault(FaultCode::kAllNodesHold, SupervisorState::kHolding, -1, 0);
 }
 
-TEST_F(Faults, CommandsStayWhereJointsAreWhoseNodesHoldByThemselves) {
-  for (std::int16_t& faults : input().joint_faults) faults = kFaultCommandTimeout;
-  for (std::int16_t& faults : input().gripper_faults) faults = kFaultCommandTimeout;
-  spoil_ = [](crux_msgs::control_input_t& in) {
-    for (int l = 0; l < kLimbs; ++l)
-      in.ft_force_g_n[3 * l + 1] += l % 2 == 0 ? 6.0 : -6.0;  // as the body has come to rest
-  };
-  expect_fault(FaultCode::kAllNodesHold, SupervisorState::kHolding, -1, 0);
-  std::vector<double> openings(run_->result.output.finger_opening_m, run_->result.output.finger_opening_m + kLimbs);
-  for (int i = 0; i < 2500; ++i) {
-    spoil_(input());
-    run_->step();
-    for (int j = 0; j < kAllJoints; ++j)
-      ASSERT_NEAR(run_->result.output.joint_position_rad[j], input().joint_position_rad[j], 1e-3) << j << " at " << i;
-    for (int l = 0; l < kLimbs; ++l) ASSERT_NEAR(run_->result.output.finger_opening_m[l], openings[l], 1e-4) << l;
-  }
-  EXPECT_EQ(run_->core.standing().size(), 1U) << "nothing follows from it";
-  const std::vector<double> before(input().joint_position_rad, input().joint_position_rad + kAllJoints);
-  run_->step(command_t::CLEAR_FAULT);
-  run_->steps(100);
-  expect_all_joint_modes(NodeMode::kTrack);
-  for (int j = 0; j < kAllJoints; ++j) EXPECT_NEAR(input().joint_position_rad[j], before[j], 0.01) << j;
-  EXPECT_EQ(run_->step(command_t::RESUME).command_verdict, CommandVerdict::kAccepted);
-}
-
-TEST_F(Faults, ALimbWithAJointThatHoldsByItselfStandsStillAndTheOthersYield) {
-  input().joint_faults[13] = kFaultCommandTimeout;
-  spoil_ = [](crux_msgs::control_input_t& in) {
-    for (int l = 0; l < kLimbs; ++l) in.ft_force_g_n[3 * l + 1] += l % 2 == 0 ? 2.0 : -2.0;
-  };
-  expect_fault(FaultCode::kNodeHolds, SupervisorState::kHolding, 2, 2);
-  const std::vector<double> before(run_->result.output.joint_position_rad,
-                                   run_->result.output.joint_position_rad + kAllJoints);
-  double others_rad = 0.0;
-  for (int i = 0; i < 50; ++i) {
-    spoil_(input());
-    run_->step();
-    for (int j = 0; j < kAllJoints; ++j) {
-      const double moved_rad = std::abs(run_->result.output.joint_position_rad[j] - before[j]);
-      if (j / kJoints == 2)
-        ASSERT_LT(moved_rad, 1e-4) << j;
-      else
-        others_rad = std::max(others_rad, moved_rad);
-    }
-  }
-  EXPECT_GT(others_rad, 1e-3);
-}
-
 TEST_F(Faults, NodesOfThreeLimbsThatHoldAreToldAsTheFirst) {
   spoil_ = [](crux_msgs::control_input_t& in) {
     for (int l = 1; l < kLimbs; ++l) in.gripper_faults[l] = kFaultCommandTimeout;
