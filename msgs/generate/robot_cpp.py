@@ -96,7 +96,6 @@ inline constexpr std::array<OtherUnit, {sum(map(len, OTHER_UNITS.values()))}> kO
 
 def header(keys: RobotKeys) -> str:
     """crux_msgs/robot.hpp."""
-    axes = ", ".join("{{" + ", ".join(map(repr, axis)) + "}}" for axis in robot_bounds.JOINT_AXES)
     structs = "\n".join(map(_struct, (*keys.shared, *keys.sections)))
     members = "\n".join(f"  {section.type_name} {section.name};" for section in keys.sections)
     visits = "\n".join(
@@ -114,7 +113,6 @@ def header(keys: RobotKeys) -> str:
 namespace crux_msgs::robot {{
 
 {_bounds()}
-inline constexpr std::array<std::array<double, 3>, {JOINTS}> kJointAxes = {{{{{axes}}}}};
 
 using PerJoint = std::array<double, {JOINTS}>;  ///< shoulder outwards
 

@@ -35,6 +35,21 @@ def whole(least: int) -> Callable[[str], int]:
     return read
 
 
+def within(low: float, high: float, expected: str) -> Callable[[str], float]:
+    """The `type` of an option that takes a finite number from `low` to `high`; `expected` names such a number."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and low <= value <= high):
+            raise argparse.ArgumentTypeError(f"{text!r}: expected {expected}")
+        return value
+
+    return read
+
+
 def positive(text: str) -> float:
     """The `type` of an option that takes a number above 0."""
     try:

@@ -8,10 +8,8 @@ import math
 JOINT_AXES = ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 JOINTS = len(JOINT_AXES)  # of a limb
 ALIKE = 1e-9  # components of axes, lengths [m] and angles [rad] that count as equal
-SAME_DIRECTION_RAD = 1e-4  # of mirrored limbs: URDFs round a quarter of a turn
 
 MAX_LENGTH_M = 3.0
-MIN_LINK_M = 0.01
 MAX_ANGLE_RAD = 4 * math.pi
 MAX_SPEED = 100.0  # rad/s or m/s
 MAX_EFFORT = 10_000.0  # Nm or N

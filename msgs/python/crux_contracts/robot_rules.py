@@ -18,6 +18,8 @@ from .urdf import Joint, Urdf, Vector, roll_pitch_yaw, rotation, shown
 from .yaml_document import Problem
 
 MIRRORED_JOINTS = (0, 4, 5)  # yaw, roll, yaw: a mirror turns their sense around
+MIN_LINK_M = 0.01
+SAME_DIRECTION_RAD = 1e-4  # of mirrored limbs: URDFs round a quarter of a turn
 FINGER_AXES = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
 
 
@@ -165,11 +167,11 @@ def _has_closed_form(steps: Sequence[Step]) -> bool:
     for index, step in enumerate(steps):
         x, y, z = step.xyz_m
         if index in (0, bounds.JOINTS):
-            on_axis = index == 0 or (_same((x, y), (0.0, 0.0)) and z <= -bounds.MIN_LINK_M)
+            on_axis = index == 0 or (_same((x, y), (0.0, 0.0)) and z <= -MIN_LINK_M)
             if not (on_axis and _same(step.rpy_rad[:2], (0.0, 0.0))):
                 return False
             continue
-        along_x = _same((y, z), (0.0, 0.0)) and x >= bounds.MIN_LINK_M
+        along_x = _same((y, z), (0.0, 0.0)) and x >= MIN_LINK_M
         if not (along_x if index in (2, 3) else _same((x, y, z), (0.0, 0.0, 0.0))):
             return False
         if not _same(step.rpy_rad, (0.0, 0.0, 0.0)):
@@ -193,7 +195,7 @@ def _mirrored(first: Sequence[Step], limb: str, steps: Sequence[Step]) -> bool:
                 return False
     yaw, other_yaw = first[0].rpy_rad[2], steps[0].rpy_rad[2]
     x, y = along * math.cos(yaw), aside * math.sin(yaw)
-    return math.hypot(math.cos(other_yaw) - x, math.sin(other_yaw) - y) <= bounds.SAME_DIRECTION_RAD
+    return math.hypot(math.cos(other_yaw) - x, math.sin(other_yaw) - y) <= SAME_DIRECTION_RAD
 
 
 def _steps(chain: Sequence[Joint]) -> Iterable[Step]:

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from crux_tools.arguments import positive, taught
+from crux_contracts.scenario_types import MAX_SLOPE_DEG
+from crux_tools.arguments import positive, taught, within
 from crux_tools.output import add_json_option
 
 from crux_simulation.wall.check_command import add_check
+
+MAX_TILT_DEG = 60.0
+
+
+def degrees(most: float) -> Callable[[str], float]:
+    """The `type` of an option that takes an angle from 0 to `most` degrees."""
+    return within(0.0, most, f"0 to {most:g} degrees")
 
 
 def add_import(actions: Any) -> None:
@@ -38,7 +47,7 @@ def add_import(actions: Any) -> None:
     parser.add_argument("--robot", default="scaler", metavar="R", help="name or folder of the robot (scaler)")
     parser.add_argument("--scale", type=positive, default=1.0, metavar="M", help="metres of the scan's unit (1)")
     parser.add_argument("--pitch", type=positive, metavar="M", help="between the columns of a height map [m]")
-    vector = {"nargs": 3, "type": _number, "metavar": ("X", "Y", "Z")}
+    vector = {"nargs": 3, "type": within(-math.inf, math.inf, "a finite number"), "metavar": ("X", "Y", "Z")}
     parser.add_argument(
         "--outward", default=(0.0, 0.0, 1.0), help="about the way off the wall, in the scan's frame (0 0 1)", **vector
     )
@@ -46,13 +55,15 @@ def add_import(actions: Any) -> None:
     slope.add_argument("--down", help="the way of gravity in the scan's frame; gives slope and the way up", **vector)
     slope.add_argument(
         "--slope",
-        type=_slope,
+        type=degrees(MAX_SLOPE_DEG),
         default=90.0,
         metavar="DEG",
         help="without --down: x of the scan goes up a wall of this slope (90)",
     )
     parser.add_argument("--friction", type=positive, default=2.2, metavar="MU", help="of all faces (2.2: sandpaper)")
-    parser.add_argument("--tilt", type=_tilt, default=15.0, metavar="DEG", help="the most that a face may lean (15)")
+    parser.add_argument(
+        "--tilt", type=degrees(MAX_TILT_DEG), default=15.0, metavar="DEG", help="the most that a face may lean (15)"
+    )
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="a picture of the holds and the reasons")
     add_json_option(parser)
     parser.set_defaults(action=_import)
@@ -122,28 +133,6 @@ def _described(found: Any) -> dict[str, Any]:
             for box in found.boxes
         ],
     }
-
-
-def _number(text: str) -> float:
-    return _within(text, -math.inf, math.inf, "a finite number")
-
-
-def _slope(text: str) -> float:
-    return _within(text, 0.0, 180.0, "0 to 180 degrees")
-
-
-def _tilt(text: str) -> float:
-    return _within(text, 0.0, 60.0, "0 to 60 degrees")
-
-
-def _within(text: str, low: float, high: float, expected: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and low <= value <= high):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected {expected}")
-    return value
 
 
 def add_parser(subparsers: Any) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from crux_contracts.terminal import in_a_line, say
 
-from crux_tools.arguments import taught
+from crux_tools.arguments import taught, within
 from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
 
@@ -24,15 +24,20 @@ def _output(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
 
 
-def seconds(text: str) -> float:
-    """The `type` of an option that takes a time of the log."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a number of seconds")
-    return value
+def add_span(parser: argparse.ArgumentParser) -> None:
+    """--from and --to: a part of the log."""
+    seconds = within(-math.inf, math.inf, "a number of seconds")
+    parser.add_argument(
+        "--from",
+        type=seconds,
+        default=-math.inf,
+        dest="from_s",
+        metavar="S",
+        help="first second (default: the log's start)",
+    )
+    parser.add_argument(
+        "--to", type=seconds, default=math.inf, dest="to_s", metavar="S", help="last second (default: the log's end)"
+    )
 
 
 def add_edits(actions: Any) -> None:
@@ -88,17 +93,7 @@ def _add_cut(actions: Any) -> None:
         ),
     )
     _log(cut)
-    cut.add_argument(
-        "--from",
-        type=seconds,
-        default=-math.inf,
-        dest="from_s",
-        metavar="S",
-        help="first second (default: the log's start)",
-    )
-    cut.add_argument(
-        "--to", type=seconds, default=math.inf, dest="to_s", metavar="S", help="last second (default: the log's end)"
-    )
+    add_span(cut)
     _output(cut)
     cut.set_defaults(action=run_cut)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from typing import Any
 
 from crux_tools.arguments import positive, taught
 from crux_tools.errors import UsageError
-from crux_tools.log.edit_commands import seconds
+from crux_tools.log.edit_commands import add_span
 from crux_tools.output import add_json_option, note, print_json, progress
 
 NS = 10**9
@@ -46,17 +45,7 @@ def add_lcm(actions: Any) -> None:
     parser = actions.add_parser("lcm", help="play a log on LCM", **taught(_DESCRIPTION, *_EXAMPLES))
     parser.add_argument("log", type=Path, metavar="LOG.mcap", help="telemetry of a climb")
     parser.add_argument("--speed", type=positive, default=1.0, metavar="X", help="times real time (default: 1)")
-    parser.add_argument(
-        "--from",
-        type=seconds,
-        default=-math.inf,
-        dest="from_s",
-        metavar="S",
-        help="first second (default: the log's start)",
-    )
-    parser.add_argument(
-        "--to", type=seconds, default=math.inf, dest="to_s", metavar="S", help="last second (default: the log's end)"
-    )
+    add_span(parser)
     parser.add_argument("--lcm", default=DEFAULT_URL, metavar="URL", help="(default: %(default)s)")
     add_json_option(parser)
     parser.set_defaults(action=run_lcm)
