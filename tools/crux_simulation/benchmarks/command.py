@@ -49,9 +49,6 @@ BENCHES = {
     ),
     "scenes": Bench("plan, check and climb every scene that ships", f"{_HERE}.scenes", "climb-vertical walk-flat"),
     "pace": Bench("climb for the least J, in the least time, and in between", f"{_HERE}.paces", "climb-vertical"),
-    "climbs": Bench(
-        "plan and climb random walls like the four-hold scene", f"{_HERE}.random_climbs", "--count 5 --slope 70"
-    ),
     "replan": Bench(
         "plan again, warm, from every stance of a route over sixteen holds", f"{_HERE}.replans", "--walls 0 --plain"
     ),
