@@ -29,7 +29,9 @@ def written(folder: Path, text: str) -> Path:
 
 def test_files_of_faults_and_worlds_on_the_page_are_there_and_can_be_read() -> None:
     page = (ROOT / "docs" / "worlds.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `[a-z0-9-]+`.*$", page.partition("| file | what the runtime does |")[2].partition("\n\n")[0], re.M)
+    rows = re.findall(
+        r"^\| `[a-z0-9-]+`.*$", page.partition("| file | what the runtime does |")[2].partition("\n\n")[0], re.M
+    )
     names = [name for row in rows for name in re.findall(r"`([a-z0-9][a-z0-9-]+)`", row.split("|")[1])]
     faults = {path.stem: read_faults(path) for path in (ROOT / "tools" / "faults").glob("*.yaml")}
     worlds = {path.stem: read_world(path) for path in WORLDS.glob("*.yaml")}

@@ -30,7 +30,7 @@ SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 
 
 def with_settings(robot: Robot, slope_deg: float = 45.0, **settings: Any) -> PlanResult:
-    content = two_rows(slope_deg=slope_deg)
+    content = one_move(slope_deg=slope_deg)
     content["planner"] = {"idle": "keep", **settings}  # as many steps with all weights
     result = unproven(scenario(content), robot)
     assert result.check.ok
@@ -45,7 +45,7 @@ def usual(robot: Robot) -> PlanResult:
 def body_error(result: PlanResult) -> float:
     """Sum of |r - r_goal|^2 [m^2]."""
     body = np.array([knot.body_position_w_m for knot in result.plan.knots])
-    return float(((body - [0.15, 0.0, 0.185]) ** 2).sum())
+    return float(((body - one_move()["goal"]["body"]["position_m"]) ** 2).sum())
 
 
 def effort(result: PlanResult) -> float:
