@@ -148,7 +148,7 @@ def test_links_on_their_sides_of_the_planes_are_off_each_other(robot: Robot, pai
     random, f = np.random.default_rng(5), functions()
     others, reaches = [pinocchio(limb) for limb in pair], [f.reaches[limb] for limb in pair]
     kept = met = 0
-    while kept < 300 or met < 20:
+    while kept < 100 or met < 7:
         state, hands, angles = drawn(robot, random)
         gap = others[0].apart_m(angles[pair[0]], others[1], angles[pair[1]])
         if not 0.006 < gap < 0.05:

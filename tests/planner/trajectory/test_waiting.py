@@ -17,7 +17,7 @@ from crux_planner.model.problem import BodyBounds
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.trajectory.waiting import PACES, moving_knots
 from shared_plans import SharedPlans, unproven
-from walls import scenario, two_rows
+from walls import one_move, scenario, two_rows
 
 ROOT = Path(__file__).resolve().parents[3]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -78,8 +78,8 @@ def test_more_time_makes_no_longer_plan(robot: Robot, planned: SharedPlans) -> N
 
 
 def test_a_scenario_may_keep_the_waits(robot: Robot, planned: SharedPlans) -> None:
-    kept = unproven(scenario({**two_rows(), "planner": {"idle": "keep"}}), robot)
-    short = planned(scenario(two_rows()), robot)
+    kept = unproven(scenario({**one_move(), "planner": {"idle": "keep"}}), robot)
+    short = planned(scenario(one_move()), robot)
     assert kept.steps == 40 > short.steps
     assert kept.gait == short.gait
     assert kept.cost > short.cost
