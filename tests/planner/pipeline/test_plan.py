@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -144,8 +145,11 @@ def test_an_obstacle_on_the_way_is_passed_with_clearance(robot: Robot) -> None:
     assert least_clearance(result.plan, robot) >= robot.grasp.swing_clearance_m - 1e-9
 
 
-def test_spines_carry_the_robot_where_faces_have_little_friction(robot: Robot) -> None:
-    wall = two_rows()
+@pytest.mark.parametrize("made", [one_move, pytest.param(two_rows, marks=pytest.mark.sweep)])
+def test_spines_carry_the_robot_where_faces_have_little_friction(
+    robot: Robot, made: Callable[[], dict[str, Any]]
+) -> None:
+    wall = made()
     for part in wall["holds"]:
         part["friction"] = 0.05
     wall["contact"].update(spine_shear_N=40, spine_twist_Nm=0.5)

@@ -103,7 +103,7 @@ def test_a_joint_that_the_check_finds_too_weak_gives_less_in_the_next_attempt(
 ) -> None:
     """Without a margin, motors of 60 % are asked for more between the knots and as the controller shares the load."""
     lines: list[str] = []
-    content = two_rows(slope_deg=70.0) | {"planner": {"margins": {"torque": 0.0}}}
+    content = one_move(slope_deg=70.0) | {"planner": {"margins": {"torque": 0.0}}}
     result = unproven(scenario(content), weak_robot(lambda _, full_Nm: 0.6 * full_Nm), log=lines.append)
     assert result.check.ok
     refused = [line for line in lines if "fails the check" in line]

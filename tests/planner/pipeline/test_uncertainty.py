@@ -11,7 +11,7 @@ from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner.checker import check_plan
 from crux_tools.paths import SCENARIOS
 from shared_plans import unproven
-from walls import scenario, two_rows
+from walls import one_move, scenario
 
 KNOWN = {"friction": 0.2, "hold_position_m": 0.005, "hold_yaw_deg": 3.0, "mass_kg": 1.0, "centre_of_mass_m": 0.02}
 SPINES = (5.0, 5.0, 0.05)  # N, N, N m of a finger, as walls.py has them
@@ -20,7 +20,7 @@ BETWEEN_N = 0.3  # the check looks between the knots, where the body is a little
 
 
 def wall(**more: Any) -> dict[str, Any]:
-    return {**two_rows(), **more}
+    return {**one_move(), **more}
 
 
 def excess_N(plan: Any, robot: Robot, draws: int) -> float:
