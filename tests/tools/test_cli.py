@@ -52,13 +52,6 @@ def test_the_changelog_has_a_dated_section_of_this_version() -> None:
     assert sections[0][0] == version
 
 
-@pytest.mark.parametrize("name", ["climb", "upload", "start", "hold", "resume", "clear-fault", "status", "bench"])
-def test_every_command_of_the_bench_has_help(name: str) -> None:
-    done = crux(name, "--help")
-    assert done.returncode == 0
-    assert f"usage: crux {name}" in done.stdout
-
-
 def test_help_and_usage_errors_load_nothing_heavy() -> None:
     code = (
         "import sys\nfrom crux_tools.cli import main\n"

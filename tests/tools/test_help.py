@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from crux_tools.paths import ROOT, SCENARIOS
+from crux_tools.paths import ROOT
 
 FIRST_LEVEL = ("operator.lock", "simulation.lock")
 # Stands before a program: imports of packages that the locks of the first level do not name fail.
@@ -79,11 +79,3 @@ def test_a_command_that_needs_more_names_the_least_that_installs_it(tmp_path: Pa
     assert table.stderr == "crux log: needs pyarrow, which is not installed: make extras\n"
     assert campaign.stderr == "crux campaign: needs dask, which is not installed: make extras\n"
     assert scene.stderr == "crux log: needs rerun, which is not installed: make setup\n"
-
-
-def test_a_first_level_plans_and_checks(tmp_path: Path) -> None:
-    plan = tmp_path / "plan.mcap"
-    planned = first_level(CRUX, "plan", SCENARIOS / "climb-one-step.yaml", "-o", plan)
-    assert planned.returncode == 0, planned.stderr
-    checked = first_level(CRUX, "check", plan)
-    assert checked.returncode == 0, checked.stderr
