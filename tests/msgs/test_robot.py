@@ -100,7 +100,7 @@ def test_masses_and_geometry_agree_with_pinocchio() -> None:
             assert limb.lower_rad[index] == model.lowerPositionLimit[joint.idx_q]
             assert limb.upper_rad[index] == model.upperPositionLimit[joint.idx_q]
             assert limb.effort_Nm[index] == model.effortLimit[joint.idx_v]
-            assert limb.velocity_rad_s[index] == model.velocityLimit[joint.idx_v]
+            assert limb.joints[index].velocity == model.velocityLimit[joint.idx_v]
 
 
 def test_the_hand_is_what_hangs_behind_the_sensor() -> None:

@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 
 from crux_contracts import channels
 from crux_msgs import acknowledgement_t, answer_t, command_t, fault_t, plan_piece_t, plan_t, signed_t, status_t
@@ -58,9 +57,7 @@ class FakeRuntime:
         assert self._ready.wait(600)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join()
 

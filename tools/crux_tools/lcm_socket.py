@@ -14,7 +14,6 @@ import struct
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import TracebackType
 
 from crux_tools.errors import UsageError
 
@@ -88,9 +87,7 @@ class LcmSocket:
     def __enter__(self) -> LcmSocket:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

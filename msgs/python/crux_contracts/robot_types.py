@@ -88,11 +88,6 @@ class Limb:
         """(6,) peak torque."""
         return np.array([joint.effort for joint in self.joints])
 
-    @property
-    def velocity_rad_s(self) -> Array:
-        """(6,)"""
-        return np.array([joint.velocity for joint in self.joints])
-
 
 @dataclass(frozen=True)
 class Robot(Sections):

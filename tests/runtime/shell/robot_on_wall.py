@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Self
 
 from crux_contracts.robot import load_robot
@@ -40,11 +39,9 @@ class RobotOnWall:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.power_off()
-        self._nodes.__exit__(kind, value, trace)
+        self._nodes.__exit__(None, None, None)
 
     def power_off(self) -> None:
         """All 28 nodes are silent from now on."""

@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any
 
 from crux_contracts import LIMB_NAMES
@@ -91,9 +90,7 @@ class EmulatedBoards:
     def __enter__(self) -> EmulatedBoards:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._held.close()
 
     def power_on(self, plant: Plant) -> None:

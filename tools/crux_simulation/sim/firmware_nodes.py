@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from types import TracebackType
 
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
@@ -56,9 +55,7 @@ class FirmwareNodes:
     def __enter__(self) -> FirmwareNodes:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._nodes.close()
 
     @property

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from types import TracebackType
 
 from crux_contracts import channels
 from crux_msgs import command_t
@@ -36,9 +35,7 @@ class RuntimeHere:
     def __enter__(self) -> RuntimeHere:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.wait()
         self._sim.crux_runtime_close(self._handle)
 

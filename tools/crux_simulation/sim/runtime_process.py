@@ -7,7 +7,6 @@ import subprocess
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import IO
 
 from crux_contracts import LIMB_NAMES
@@ -79,9 +78,7 @@ class RuntimeProcess:
         self._process = subprocess.Popen(self._arguments, stdout=subprocess.DEVNULL, stderr=self._stderr)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.end()
         self._stderr.close()
 

@@ -6,7 +6,6 @@ import re
 import struct
 import time
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any
 
 from crux_contracts import LIMB_NAMES, can_codec
@@ -110,9 +109,7 @@ class NodeLink:
     def __enter__(self) -> NodeLink:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stack.stop()
         self._bus.shutdown()
 
