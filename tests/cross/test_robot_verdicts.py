@@ -163,7 +163,7 @@ def check_numbers_changed(folder: Path, edits: list[tuple[str, int, str]]) -> No
         assert LONGER.sub("", said).removesuffix("unknown key") in [LONGER.sub("", line) for line in found]
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(edits=st.lists(changes(), min_size=1, max_size=3))
 def test_any_numbers_have_one_verdict(
     edits: list[tuple[str, int, str]], tmp_path_factory: pytest.TempPathFactory

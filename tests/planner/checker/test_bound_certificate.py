@@ -30,7 +30,7 @@ from crux_planner.checker.report import Findings
 from crux_planner.pipeline.bound_certificate import certify_bound
 from crux_tools.cli import main
 from crux_tools.paths import SCENARIOS
-from walls import hold, scenario, two_rows
+from walls import hold, one_move, scenario, two_rows
 
 ROBOT = load_robot("scaler")
 ONE_STEP = SCENARIOS / "climb-one-step.yaml"
@@ -100,7 +100,7 @@ def every_knot_of_the_plan_costs_what_is_shown(document: dict[str, Any], plan: P
 
 def test_a_wall_elsewhere_costs_the_same() -> None:
     """Multipliers about the origin that are the same about the robot: signs of all moments, and where the mass is."""
-    walls, shift, random = [two_rows(), two_rows()], np.array([0.7, -0.4, 0.0]), np.random.default_rng(3)
+    walls, shift, random = [one_move(), one_move()], np.array([0.7, -0.4, 0.0]), np.random.default_rng(3)
     for part in walls[1]["holds"]:
         part["position_m"] = (np.array(part["position_m"]) + shift[:2]).tolist()
     for end in ("start", "goal"):
