@@ -99,7 +99,14 @@ LOWER_LIMIT = "? -node->force_limit_N : "
             "changes what a node does",
             marks=pytest.mark.sweep,  # some hundred thousand writes
         ),
-        (SERVICES, "permission.c", "(value >= (parameter->least_share * standard))", "(value >= -1.0e9F)", "senseless"),
+        pytest.param(
+            SERVICES,
+            "permission.c",
+            "(value >= (parameter->least_share * standard))",
+            "(value >= -1.0e9F)",
+            "senseless",
+            marks=pytest.mark.sweep,  # several searches
+        ),
         (SERVICES, "permission.c", "return crux_is_at_rest(state) && !com", "return !com", "a moving node obeys"),
     ],
 )
