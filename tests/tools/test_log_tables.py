@@ -12,7 +12,6 @@ import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
-import rerun as rr
 from crux_contracts import can_codec
 from crux_contracts.robot import load_robot
 from crux_tools.cli import main
@@ -22,7 +21,6 @@ from crux_tools.telemetry import Telemetry, read_log
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_climb import Story, made_up_plan, write_log
-from rerun.chunk import RrdReader
 
 LIMBS = ("LF", "RF", "LR", "RR")
 SILENT_CYCLE, SILENT_JOINT = 33, 8
@@ -129,6 +127,8 @@ def test_payloads_are_those_the_codec_makes_one_by_one(data: st.DataObject, name
 @pytest.fixture(scope="module")
 def recording(story_log: Path) -> dict[str, list[Any]]:
     """Record batches by entity, as rerun's own reader gives them."""
+    from rerun.chunk import RrdReader  # half a second, which not every process that collects tests needs
+
     found: dict[str, list[Any]] = defaultdict(list)
     for chunk in RrdReader(_export(story_log, "climb.rrd", "--rerun")).stream():
         found[str(chunk.entity_path)].append(chunk.to_record_batch())
@@ -173,9 +173,11 @@ def _static(batch: Any, ending: str) -> tuple[str, list[Any]]:
 
 
 def test_every_view_of_the_blueprint_shows_something(recording: dict[str, list[Any]]) -> None:
+    from rerun.blueprint import View
+
     def views(part: Any) -> list[Any]:
         inner = getattr(part, "contents", [])
-        return [part] if isinstance(part, rr.blueprint.View) else [view for each in inner for view in views(each)]
+        return [part] if isinstance(part, View) else [view for each in inner for view in views(each)]
 
     shown = views(blueprint().root_container)
     assert len(shown) > 15
