@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from crux_contracts.robot import ROBOTS
+from crux_planner.checker.limb_model import WholeRobot
 from crux_tools import cli
 from crux_tools.robot.described import described
 from crux_tools.robot.loads import least_load
-from crux_tools.robot.stance import limb_reach, stance
+from crux_tools.robot.stance import Stance, limb_reach, stance
 
 
 @pytest.fixture
@@ -64,12 +66,18 @@ def test_limbs_that_reach_no_hold_are_told(folder: Path, capsys: pytest.CaptureF
     assert "peak torques" not in by_topic
 
 
+@cache
+def standing(folder: Path) -> tuple[WholeRobot, Stance]:
+    """A robot, and how it stands on holds in the middle of its limbs' reach; that takes two seconds to find."""
+    robot = described(str(folder))
+    assert robot.model is not None
+    return robot.model, stance(robot.model, [limb_reach(limb, robot.sections) for limb in robot.model.limbs], 0.03)
+
+
 def test_loads_grow_with_the_weight_and_with_a_limb_in_the_air(folder: Path) -> None:
-    def loads(name: str | Path) -> tuple[float, float, float]:
-        robot = described(str(name))
-        assert robot.model is not None
-        where = stance(robot.model, [limb_reach(limb, robot.sections) for limb in robot.model.limbs], 0.03)
-        peaks = [np.array([joint.effort for joint in limb.joints]) for limb in robot.model.limbs]
+    def loads(folder: Path) -> tuple[float, float, float]:
+        model, where = standing(folder)
+        peaks = [np.array([joint.effort for joint in limb.joints]) for limb in model.limbs]
         found = [least_load(where, *args) for args in ((0.0, peaks, 2.2, 1e3), (np.pi, peaks, 2.2, 1e3))]
         found.append(least_load(where, 0.0, peaks, 2.2, 1e3, 0))
         flat, overhead, lifted = (load.share if load is not None else np.inf for load in found)
@@ -84,10 +92,8 @@ def test_loads_grow_with_the_weight_and_with_a_limb_in_the_air(folder: Path) -> 
     assert loads(folder) == pytest.approx((2 * flat, 2 * overhead, 2 * lifted), rel=1e-6)
 
 
-def test_holds_without_friction_hold_nothing(folder: Path) -> None:
-    robot = described(str(folder))
-    assert robot.model is not None
-    where = stance(robot.model, [limb_reach(limb, robot.sections) for limb in robot.model.limbs], 0.03)
+def test_holds_without_friction_hold_nothing() -> None:
+    _, where = standing(ROBOTS / "scaler")
     peaks = [np.full(6, 1e3)] * 4
     assert least_load(where, np.pi / 2, peaks, 2.2, 60.0) is not None
     assert least_load(where, np.pi / 2, peaks, 0.05, 60.0) is None
