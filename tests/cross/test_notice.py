@@ -19,6 +19,7 @@ PROGRAMS = (
     "runtime/app/crux-runtime",
     "runtime/app/crux-recompute",
     "firmware/libcrux_nodes.so",
+    "planner/libcrux_path.so",
     "planner/libcrux_reach.so",
 )
 INSTALLED = ("operator.lock", "simulation.lock", "campaign.lock", "development.lock", "uv.lock.txt")

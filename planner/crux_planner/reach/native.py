@@ -5,24 +5,18 @@ from __future__ import annotations
 import ctypes
 from ctypes import POINTER, c_double, c_int64, c_uint8
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from crux_contracts.robot import Limb
 
 from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.native import shared_library
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.sector import Sector
 from crux_planner.reach.solids import Solids
 
 NAME = "libcrux_reach.so"
-_PACKAGES = Path(__file__).resolve().parents[2]
-PLACES = (
-    _PACKAGES.parent / "build" / "cmake" / "planner" / NAME,  # of a checkout
-    _PACKAGES / "crux_tools" / "programs" / NAME,  # of the wheel
-    _PACKAGES.parent / NAME,  # of the Debian package
-)
 AXES = 6  # of poses
 
 
@@ -68,12 +62,10 @@ class _Poses(ctypes.Structure):
 @cache
 def library() -> ctypes.CDLL | None:
     """None where it has not been built: numpy gives the same answers."""
-    found = next((place for place in PLACES if place.exists()), None)
-    if found is None:
-        return None
-    loaded = ctypes.CDLL(str(found))
-    loaded.crux_reach.restype = None
-    loaded.crux_reach.argtypes = [POINTER(Arm), POINTER(_Poses), POINTER(c_uint8)]
+    loaded = shared_library(NAME)
+    if loaded is not None:
+        loaded.crux_reach.restype = None
+        loaded.crux_reach.argtypes = [POINTER(Arm), POINTER(_Poses), POINTER(c_uint8)]
     return loaded
 
 

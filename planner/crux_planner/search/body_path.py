@@ -6,6 +6,7 @@ the body needs between them, then over all knots of the schedule, which starts t
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -19,10 +20,12 @@ from crux_planner.physics.reach import between, body_positions, turned
 from crux_planner.physics.speed_limits import speeds
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, StaticEquilibrium
 from crux_planner.search.stances import Oracles
+from crux_planner.solvers.path import Grip, Grips, PathProblem, least_cost
 from crux_planner.solvers.qp import SparseQp
 
 SPEED_SHARE = 0.95  # of the body's largest speed
 _WAITING = 1e-2  # cost of a further knot against squared lengths [m^2]: above any detour it could save
+_BOUND = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N])  # of (w, n)
 _ANYWHERE_M = 100.0  # beyond any wall
 _COMFORT = 1e-5  # weight of wrenches against squared lengths [m^2/N^2]: keeps the body where the grippers carry least
 
@@ -121,6 +124,8 @@ def _best_between(
     problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedule, low: Array, high: Array, to_h: Array
 ) -> BodyPath | None:
     """A path between bounds (N + 1, m) along the directions of the reach, which `to_h` (N + 1, 3, 3) turns to H."""
+    if (to_h == np.eye(3)).all() and (found := _best_compiled(problem, equilibrium, schedule, low, high)) is not None:
+        return found
     qp, path, grips = SparseQp(), list[Indices](), list[dict[int, Indices]]()
     means = schedule.poses[..., :3].mean(axis=1)
     for k in range(problem.steps):
@@ -137,13 +142,59 @@ def _best_between(
     return BodyPath(solution[np.array(path)], [{limb: solution[i] for limb, i in grip.items()} for grip in grips])
 
 
+def _best_compiled(
+    problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedule, low: Array, high: Array
+) -> BodyPath | None:
+    """The same for a body that does not turn, where the compiled solver finds one."""
+    weights, grips = problem.weights, Grips(partial(_grip, equilibrium))
+    held = [{limb: c for limb, c in enumerate(knot) if c is not None} for knot in schedule.contacts[: problem.steps]]
+    means = schedule.poses[..., :3].mean(axis=1)
+    right = [equilibrium.weight(mean) for mean in means]
+    found = least_cost(
+        grips,
+        PathProblem(
+            directions=problem.boxes.directions,
+            low=low,
+            high=high,
+            target=problem.goal.body.position_m,
+            pull=np.full(len(low), weights.position),
+            speed=np.full(problem.steps, weights.velocity / problem.dt_s**2),
+            step=_steps(problem, schedule),
+            carried=np.full(len(low), weights.wrench),
+            body=np.array([body for body, _ in right]),
+            weight=np.array([sums for _, sums in right]),
+            on=[*(grips.numbers(list(knot.values())) for knot in held), []],
+        ),
+    )
+    if found is None:
+        return None
+    places, wrenches = found
+    each = iter(wrenches[:, :WRENCH])
+    return BodyPath(places, [{limb: next(each) for limb in knot} for knot in held])
+
+
+def _grip(equilibrium: StaticEquilibrium, contact: int) -> Grip:
+    """With one number that means nothing."""
+    rows, right = equilibrium.limit_rows(contact)
+    bound, effort = np.append(_BOUND, 0.0), np.append(equilibrium.effort, [1.0, 1.0]) ** 2
+    low = np.concatenate([-bound[:4], [0.0, 0.0]])
+    return Grip(
+        np.pad(rows, ((0, 0), (0, 1))), right, low, bound, np.pad(equilibrium.maps[contact], ((0, 0), (0, 2))), effort
+    )
+
+
+def _steps(problem: Problem, schedule: Schedule) -> Array:
+    """(N,) how far the body gets along an axis from knot to knot."""
+    most = speeds(problem.speed_limits, schedule.contacts, problem.body.max_speed_m_s)
+    return np.asarray(SPEED_SHARE * most * problem.dt_s)[: problem.steps]
+
+
 def _add_cost(qp: SparseQp, problem: Problem, schedule: Schedule, path: list[Indices]) -> None:
     weights, goal, dt = problem.weights, problem.goal.body.position_m, problem.dt_s
-    steps = SPEED_SHARE * speeds(problem.speed_limits, schedule.contacts, problem.body.max_speed_m_s) * dt
     difference = np.hstack([-np.eye(3), np.eye(3)])
     for position in path:
         qp.squares(position[:, None], np.ones((3, 1)), goal, weights.position)
-    for (a, b), step in zip(pairwise(path), steps[:-1], strict=True):
+    for (a, b), step in zip(pairwise(path), _steps(problem, schedule), strict=True):
         both = np.concatenate([a, b])
         qp.squares(np.column_stack([a, b]), np.tile([-1.0, 1.0], (3, 1)), np.zeros(3), weights.velocity / dt**2)
         qp.below(np.vstack([difference, -difference]), both, np.full(6, step))
@@ -160,10 +211,9 @@ def _position(
 ) -> tuple[Indices, list[Indices]]:
     """Add a body position in balance on `support`, grippers' mean place `grippers`; its variables and the wrenches'."""
     position = within(qp, equilibrium.problem.boxes, *bounds, to_h)
-    bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N])
     wrenches, support = [], equilibrium.bearing(support)
     for contact in support:
-        index = qp.variables(np.concatenate([-bound[:4], [0.0]]), bound)
+        index = qp.variables(np.concatenate([-_BOUND[:4], [0.0]]), _BOUND)
         rows, right = equilibrium.limit_rows(contact)
         qp.below(rows, index, right)
         qp.squares(index[:, None], np.append(equilibrium.effort, 1.0)[:, None], np.zeros(WRENCH), comfort)

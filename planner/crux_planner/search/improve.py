@@ -62,7 +62,10 @@ def improve_in_fewest(costs: EventCost, quickest: Timed, deadline: float) -> tup
     best, least = over_all, np.inf
     for moves in starts if fits else starts[1:]:
         last = np.inf
-        for steps in range(least_knots(costs, moves), most + 1):
+        fewest = least_knots(costs, moves)
+        if not _Improvement(costs, deadline, until, fewest).somewhere(moves):
+            continue
+        for steps in range(fewest, most + 1):
             timed = improve(costs, moves, deadline, until, steps)
             if timed is None:
                 continue
@@ -136,7 +139,7 @@ class _Improvement:
         On a long way a stance far from the goal costs most, so few of them are worth an estimate.
         """
         moves = self.moves(steps)
-        if moves is None:
+        if moves is None or not self.somewhere(moves):
             return None
         found: list[_Best] = []
         promising = list(range(len(steps), -1, -1))  # the last first
@@ -250,6 +253,11 @@ class _Improvement:
     def spare(self, moves: list[Move]) -> int:
         """Knots beyond those that swings and stances take."""
         return self._least(moves)[2]
+
+    def somewhere(self, moves: list[Move]) -> bool:
+        """Whether the body has a place at each event, which does not depend on how long stances are."""
+        timed = self._quick(moves, 0)
+        return timed is None or self.costs.has_places(timed)
 
     def _quick(self, moves: list[Move], where: int) -> Timed | None:
         """As quick as can be, all spare time in stance `where`."""
