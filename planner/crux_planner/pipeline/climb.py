@@ -19,12 +19,11 @@ from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, least_steps, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ANY, Oracles, SearchReport, search
+from crux_planner.search.stances import ANY, Oracles, SearchReport, ends_at, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
 
 QUICKEST = (200.0, 5.0)  # stances looked at for the quickest sequence of contacts: on any way, and for each knot
-JUST_THE_START = (0.0, 0.0)  # looked at
 FEW_MOVES = 5  # of a sequence in all of the inner reach that the MIP looks at: there it takes far longer for each
 GREED = 2.0  # the factor by which a sequence may be slower after that
 LEVEL_SHARE = 0.6  # of the time goes at most into the search for plans of a level body with one heading
@@ -129,8 +128,8 @@ def _plan_near_or_far(climb: Climb, until: float) -> PlanResult:
     near, far = (_within_torques(each, climb.problem.friction_share) for each in (climb, farther(climb)))
     begun = _searched(near, until, QUICKEST)
     if begun[0] != []:
-        alone, _ = _searched(far, until, JUST_THE_START)
-        if alone is not None and isinstance(found := solve_and_check(far, alone), PlanResult):
+        alone = ends_at(far.oracles, climb.problem.start_contacts)
+        if alone and isinstance(found := solve_and_check(far, []), PlanResult):
             return _with_gap(climb, found)
     plan = _plan_level(climb, True, until, begun)
     if len(plan.gait) > MOST_MOVES or climb.session.late:
