@@ -1,5 +1,6 @@
 #include "core/control_core.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/grips/shares.hpp"
@@ -187,6 +188,7 @@ void ControlCore::follow_supervisor(bool well) noexcept {
   for (int l = 0; l < kLimbs; ++l) {
     limbs_[l].fingers().trust(!faults_.health().finger_force_distrusted[l]);
     limbs_[l].trust_force_torque(!faults_.health().force_torque_distrusted[l]);
+    limbs_[l].stand(faults_.joint_stands(l), faults_.fingers_stand(l));
   }
   if (supervisor_.rearm_requested()) {
     faults_.forgive();
@@ -303,8 +305,10 @@ void ControlCore::aim(double dt_s) noexcept {
   Vector3 missed_W_m = Vector3::Zero();
   for (int l = 0; l < kLimbs; ++l) missed_W_m += limbs_[l].missed_W_m(reference_.limbs[l]);
   if (!plan_->point_feet) correction_.make_way(missed_W_m, dt_s);
-  // Before the plan has begun somebody may carry the body: an integral would only push against him.
-  const Pose body_command_W = correction_.update(reference_.body_W, body_.body_W(), started_ ? dt_s : 0.0);
+  // Before the plan has begun somebody may carry the body: an integral would only push against him, or against a joint
+  // that stands.
+  const bool stands = std::ranges::any_of(limbs_, &LimbController::joint_stands);
+  const Pose body_command_W = correction_.update(reference_.body_W, body_.body_W(), started_ && !stands ? dt_s : 0.0);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference_.limbs[l];
     const bool pulled = grips_.pull().limb() == l;
@@ -327,7 +331,7 @@ void ControlCore::calibrate(double dt_s) noexcept {
   PerLimb<Yielding> translations, rotations;
   for (int l = 0; l < kLimbs; ++l) {
     // A limb that slips or has lost its hold is given no error: it shows nothing of its gains.
-    if (grips_.slip(l).slips() || health.hold_lost[l] || health.force_torque_distrusted[l] || limbs_[l].blind())
+    if (grips_.slip(l).slips() || health.hold_lost[l] || health.force_torque_distrusted[l] || limbs_[l].rigid())
       continue;
     translations[l] = limbs_[l].translation();
     rotations[l] = limbs_[l].rotation();

@@ -53,7 +53,7 @@ PerLimb<Wrench> wrench_errors(const CycleView& now, const Grips& grips, double e
     const LimbReference& reference = now.reference.limbs[l];
     const LimbController& limb = now.limbs[l];
     positions_W_m[l] = limb.anchor_W_m(reference);
-    if (now.health.force_torque_distrusted[l] || limb.blind()) continue;
+    if (now.health.force_torque_distrusted[l] || limb.rigid()) continue;
     loads[l] = grips.load(now, l, reference);
     if (!now.health.hold_lost[l] && !grips.slip(l).slips() && (reference.gripping() || reference.closing()))
       errors[l] = (limb.wrench_W() - now.wrenches_W[l]) * engagement;

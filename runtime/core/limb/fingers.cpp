@@ -40,6 +40,7 @@ bool Fingers::gripped(const LimbReference& reference, double dt_s) noexcept {
 
 void Fingers::grasp(const LimbReference& reference, double wanted_N, double dt_s) noexcept {
   grasp_.see(opening_m_, speed_m_s_, force_N());
+  if (stand_) return grasp_.reset(opening_m_, force_N());
   if (!reference.point_foot && (reference.gripping() || reference.closing())) {
     grasp_.press(wanted_N, force_N(), opening_m_, dt_s);
   } else {

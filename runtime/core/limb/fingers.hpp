@@ -19,6 +19,8 @@ class Fingers {
   }
   /// Whether the force measured is gone by.
   void trust(bool trusts) noexcept { trusts_force_ = trusts; }
+  /// Whether their node holds by itself: then their command stays with them.
+  void stand(bool stand) noexcept { stand_ = stand; }
 
   /// Control begins with the fingers where they are.
   void engage() noexcept;
@@ -75,7 +77,7 @@ class Fingers {
   double contact_force_N_;
   GraspController grasp_;
   double opening_m_ = 0.0, speed_m_s_ = 0.0, force_N_ = 0.0;  ///< measured
-  bool trusts_force_ = true;
+  bool trusts_force_ = true, stand_ = false;
   double opened_m_ = 0.0;           ///< before they closed
   double gripped_opening_m_ = 0.0;  ///< at contact
   double gripped_time_s_ = 0.0;

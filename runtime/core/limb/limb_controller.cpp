@@ -121,6 +121,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
                     rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
   fingers_.engage();
   aim_W_ = body_W;
+  goal_B_ = state_.gripper_B;
   ik_ = {};
   ik_.q_rad = q_rad_;
   // A node that holds makes its torque from the feed-forward it had and from the distance of its setpoint.
@@ -276,9 +277,13 @@ void LimbController::comply(const LimbReference& reference, const Wrench& error_
 void LimbController::drive(const LimbReference& reference, const Wrench& wrench_W, const Vector3& gravity_W_m_s2,
                            const Pose& body_estimate_W, double engagement, double dt_s) noexcept {
   // A joint whose encoder has frozen goes further with every command, and nobody sees it.
-  if (blind()) return stay_at(command_q_rad_);
+  if (rigid()) {
+    aim_at(aim_W_ * goal_B_, reference);
+    return stay_at(command_q_rad_);
+  }
   const JointVector last_rad = ik_.q_rad;
-  ik_ = inverse_.step(aim_W_.inverse() * target_W(reference), last_rad, dt_s);
+  goal_B_ = aim_W_.inverse() * target_W(reference);
+  ik_ = inverse_.step(goal_B_, last_rad, dt_s);
   // The nodes follow x += (1 − exp(−dt/T))·(u − x); to come out at x, u leads by what is left of the last step.
   const double time_constant_s = servo_.setpoint_time_constant_s;
   const double left = time_constant_s > 0.0 ? 1.0 / (1.0 - std::exp(-dt_s / time_constant_s)) - 1.0 : 0.0;

@@ -129,6 +129,15 @@ class LimbController {
   Fingers& fingers() { return fingers_; }
   const Fingers& fingers() const { return fingers_; }
   void trust_force_torque(bool trusts) noexcept { trusts_force_torque_ = trusts; }
+  /// Whether a node of its joints, and that of its fingers, holds by itself. The commands of a limb with such a joint
+  /// stand still until it follows again: what the limb cannot yield to must not add up in them.
+  void stand(bool joint_stands, bool fingers_stand) noexcept {
+    joint_stands_ = joint_stands;
+    fingers_.stand(fingers_stand);
+  }
+  bool joint_stands() const noexcept { return joint_stands_; }
+  /// It yields to no force: it is blind(), or a joint of it stands.
+  bool rigid() const noexcept { return joint_stands_ || blind(); }
   /// Fingers::residual_N(), by what the F/T sensor feels.
   double finger_residual_N(const LimbReference& reference, bool begun) const noexcept {
     return fingers_.residual_N(reference, begun, wrench_W().force_N.norm() >= control_.unload_force_N);
@@ -183,6 +192,7 @@ class LimbController {
   JointVector q_rad_ = JointVector::Zero();
   JointVector torque_Nm_ = JointVector::Zero();
   bool trusts_force_torque_ = true;
+  bool joint_stands_ = false;
   Wrench raw_G_;
   JointVector residual_Nm_ = JointVector::Zero();           ///< filtered as the wrench is
   JointVector borne_Nm_ = JointVector::Zero();              ///< torque beyond gravity, filtered likewise
@@ -200,6 +210,7 @@ class LimbController {
   bool in_contact_ = false;  ///< aims from the commanded body pose
   bool pulled_ = false;      ///< does so too, though the plan does not count it as in contact yet
   bool found_ = false;
+  Pose goal_B_;  ///< of the gripper, by the last command that moved
   IkResult ik_;  ///< its q is the command before the engagement blend
   JointVector command_q_rad_ = JointVector::Zero();
   JointVector command_dq_rad_s_ = JointVector::Zero();

@@ -214,16 +214,32 @@ FaultEvent FaultMonitor::unfit_node(const crux_msgs::control_input_t& in, bool s
   return {};
 }
 
-FaultEvent FaultMonitor::holding_node(const crux_msgs::control_input_t& in) noexcept {
+bool FaultMonitor::holds_by_itself(int state, int faults) const noexcept {
   // A node takes a few cycles from the first command to track until its status says so.
+  return latched(faults) || (tracking_cycles_ > limits_.silent_cycles && holds(state));
+}
+
+void FaultMonitor::note_standing(const crux_msgs::control_input_t& in) noexcept {
+  // One that has just started follows the next command.
+  const auto stands = [this](int state, int faults) {
+    return state != static_cast<int>(NodeState::kBoot) && holds_by_itself(state, faults);
+  };
+  for (int l = 0; l < kLimbs; ++l) {
+    joint_stands_[l] = false;
+    for (int i = l * kJoints; i < (l + 1) * kJoints; ++i)
+      joint_stands_[l] = joint_stands_[l] || stands(in.joint_state[i], in.joint_faults[i]);
+    fingers_stand_[l] = stands(in.gripper_state[l], in.gripper_faults[l]);
+  }
+}
+
+FaultEvent FaultMonitor::holding_node(const crux_msgs::control_input_t& in) noexcept {
   const bool must_track = tracking_cycles_ > limits_.silent_cycles;
-  const auto stopped = [&](int state, int faults) { return latched(faults) || (must_track && holds(state)); };
   const auto stopped_node = [&](int l) {  // the limb's first; 0: none
     for (int j = 0; j < kJoints; ++j) {
       const int i = l * kJoints + j;
-      if (stopped(in.joint_state[i], in.joint_faults[i])) return can_.nodes.joints[j];
+      if (holds_by_itself(in.joint_state[i], in.joint_faults[i])) return can_.nodes.joints[j];
     }
-    return stopped(in.gripper_state[l], in.gripper_faults[l]) ? can_.nodes.gripper : 0;
+    return holds_by_itself(in.gripper_state[l], in.gripper_faults[l]) ? can_.nodes.gripper : 0;
   };
   FaultEvent first;
   int limbs = 0;
@@ -256,6 +272,7 @@ FaultEvent FaultMonitor::sensor_fault(const crux_msgs::control_input_t& in, Afte
 
 FaultEvent FaultMonitor::node_fault(const crux_msgs::control_input_t& in, bool tracking) noexcept {
   tracking_cycles_ = tracking ? tracking_cycles_ + 1 : 0;
+  note_standing(in);
   if (!all_finite(in)) return {FaultCode::kNotFinite, -1, 0, 0.0, 0.0};
   if (const FaultEvent fault = bus_fault(in)) return fault;
   if (const FaultEvent fault = doubled_node(in)) return fault;

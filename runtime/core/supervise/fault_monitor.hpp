@@ -71,6 +71,9 @@ class FaultMonitor {
 
   /// What of each limb is no longer counted on.
   const LimbHealth& health() const noexcept { return health_; }
+  /// A node of the limb's joints, or that of its fingers, holds by itself though it is told to track.
+  bool joint_stands(int limb) const noexcept { return joint_stands_[limb]; }
+  bool fingers_stand(int limb) const noexcept { return fingers_stand_[limb]; }
   /// A plan begins with the limb in the air: what it held is looked for no more.
   void begin_in_air(int limb) noexcept { health_.hold_lost[limb] = false; }
   /// An operator has looked: what was lost or distrusted is tried again.
@@ -93,6 +96,9 @@ class FaultMonitor {
   FaultEvent silent_node(After after) const noexcept;  ///< or all of them, which is no single node's fault
   FaultEvent doubled_node(const crux_msgs::control_input_t& in) const noexcept;
   FaultEvent unfit_node(const crux_msgs::control_input_t& in, bool state_counts) const noexcept;
+  /// Told to track, a node in this state holds by itself.
+  bool holds_by_itself(int state, int faults) const noexcept;
+  void note_standing(const crux_msgs::control_input_t& in) noexcept;
   FaultEvent holding_node(const crux_msgs::control_input_t& in) noexcept;  ///< or some of every limb
   FaultEvent sensor_fault(const crux_msgs::control_input_t& in, After after) const noexcept;
 
@@ -107,6 +113,7 @@ class FaultMonitor {
   PerLimb<int> ft_silence_{};
   PerLimb<int> full_cycles_{};
   PerLimb<bool> bus_held_{};  ///< its nodes hold since their bus failed
+  PerLimb<bool> joint_stands_{}, fingers_stand_{};
   PerLimb<double> since_bus_fault_s_{1e9, 1e9, 1e9, 1e9};
   double well_time_s_ = 0.0;
   FaultEvent supply_;

@@ -178,17 +178,20 @@ void ObedientPlant::obey(const CycleResult& result) {
   ++input_.cycle;
   for (int i = 0; i < kAllJoints; ++i) {
     const auto mode = static_cast<NodeMode>(result.output.joint_mode[i]);
-    if (mode == NodeMode::kTrack) {
+    const bool tracks = mode == NodeMode::kTrack && (input_.joint_faults[i] & kFaultCommandTimeout) == 0;
+    if (tracks) {
       input_.joint_position_rad[i] +=
           setpoint_share(input_.dt_s) * (result.output.joint_position_rad[i] - input_.joint_position_rad[i]);
       input_.joint_torque_nm[i] = result.output.joint_torque_nm[i];
     }
     if (mode == NodeMode::kRearm) input_.joint_faults[i] = 0;
-    input_.joint_state[i] = static_cast<std::int8_t>(mode == NodeMode::kTrack ? NodeState::kTrack : NodeState::kHold);
+    input_.joint_state[i] = static_cast<std::int8_t>(tracks ? NodeState::kTrack : NodeState::kHold);
   }
   const Vector3 gravity(plan_.gravity_w_m_s2);
   for (int l = 0; l < kLimbs; ++l) {
-    const bool tracks = static_cast<NodeMode>(result.output.gripper_mode[l]) == NodeMode::kTrack;
+    const auto mode = static_cast<NodeMode>(result.output.gripper_mode[l]);
+    const bool tracks = mode == NodeMode::kTrack && (input_.gripper_faults[l] & kFaultCommandTimeout) == 0;
+    if (mode == NodeMode::kRearm) input_.gripper_faults[l] = 0;
     input_.gripper_state[l] = static_cast<std::int8_t>(tracks ? NodeState::kTrack : NodeState::kHold);
     const crux_msgs::limb_telemetry_t& limb = result.telemetry[l];
     if (tracks) {
