@@ -14,6 +14,7 @@ from crux_contracts.robot import load_robot
 from crux_msgs import plan_t
 from crux_simulation.benchmarks import world_faults, worlds
 from crux_simulation.benchmarks.world_faults import (
+    BESIDE,
     IN_THE_WORLD,
     KINDS,
     LOSES_A_HOLD,
@@ -21,6 +22,7 @@ from crux_simulation.benchmarks.world_faults import (
     RESTARTS,
     SCHEDULED,
     START_S,
+    TWO,
     Fault,
     draw_fault,
     ending_of,
@@ -69,9 +71,35 @@ def test_every_kind_of_fault_comes_by_turns_as_a_file_that_can_be_read(plan: pla
         else:
             assert read_world(path).name == fault.kind
         of_a_limb = not fault.kind.startswith("hold-") and fault.kind != "slippery-hold"
-        assert (fault.limb in LIMB_NAMES) == (of_a_limb and fault.kind not in (*OF_THE_RUNTIME, "power-lost"))
+        assert (fault.limb in LIMB_NAMES) == (of_a_limb and fault.kind not in (*OF_THE_RUNTIME, "power-lost", TWO))
     assert [draw_fault(seed) for seed in range(count)] == faults
     assert len({fault.text(plan) for fault in faults if fault.kind != RESTARTS}) > count - 13
+
+
+def test_two_at_once_leave_three_limbs_their_holds_and_either_may_be_told(plan: plan_t, tmp_path: Path) -> None:
+    faults = [fault for fault in map(draw_fault, range(1000)) if fault.kind == TWO]
+    assert len({fault.both[0].kind for fault in faults}) > 5 < len({fault.both[1].kind for fault in faults})
+    for fault in faults:
+        assert [each.kind in BESIDE for each in fault.both] == [False, True]
+        path = tmp_path / "world.yaml"
+        path.write_text(fault.text(plan))
+        alone = [Fault.text(each, plan) for each in fault.both]
+        read = read_world(path).draw(0, plan)
+        for text in alone:
+            path.write_text(text)
+            one = read_world(path).draw(0, plan)
+            assert set(one.sensors) <= set(read.sensors)
+            assert one.holds.keys() <= read.holds.keys()
+    fault = Fault(TWO, "", both=(Fault("hold-creeps", ""), Fault("ft-zero", "RF")))
+    for reason, told in (
+        ("9.1 s: 22 slip, limb LF, node 7: the gripper slid", True),
+        ("9.1 s: 22 slip, limb RR, node 7: the gripper slid", False),
+        ("9.1 s: 20 ft_implausible, limb RF, node 7: the joints' torques do not fit", True),
+        ("9.1 s: 20 ft_implausible, limb LF, node 7: the joints' torques do not fit", False),
+    ):
+        end = row(reason=reason)
+        end["climb"]["on_holds"] = ["LF", "LR"]
+        assert ending_of(end, fault).told == told
 
 
 def test_holds_go_wrong_that_the_plan_still_grips(plan: plan_t) -> None:

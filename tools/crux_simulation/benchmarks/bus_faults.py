@@ -93,7 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--images", action="store_true", help="the limb's nodes run their images on emulated microcontrollers"
     )
     parser.add_argument(
-        "--world", action="store_true", help="single faults of holds, sensors, drives and the runtime's process"
+        "--world", action="store_true", help="faults of holds, sensors, drives and the runtime, one or two at once"
     )
     parser.add_argument(
         "--count", type=whole(1), default=300, metavar="N", help="with --world: climbs (default: %(default)s)"

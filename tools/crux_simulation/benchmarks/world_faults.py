@@ -1,4 +1,5 @@
-"""`crux bench faults --world`: one thing goes wrong with holds, sensors, drives, their supply or the runtime's process.
+"""`crux bench faults --world`: one thing goes wrong with holds, sensors, drives, their supply or the runtime's process,
+or two things at once.
 
 A runtime that restarts does so in this process, and a guide leads on.
 
@@ -11,16 +12,19 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import math
 import re
 import shlex
 from collections import defaultdict
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import FAULT_BY_CODE
 from crux_tools.errors import WorkFailed
@@ -62,6 +66,10 @@ IN_THE_WORLD = {
     "slippery-hold": InTheWorld("holds: {{{hold}: {{friction_factor: 0.2}}}}", ("grasp_failed", "slip")),
     "hold-breaks": InTheWorld("holds: {{{hold}: {{breaks_at_s: {at_s}}}}}", ("grip_lost", "hold_missing")),
     "hold-missing": InTheWorld("holds: {{{hold}: {{present: false}}}}", ("hold_missing",)),
+    "hold-creeps": InTheWorld(
+        "holds: {{{hold}: {{viscosity_Ns_m: 18000}}}}", ("grasp_failed", "slip", "stance_misfit")
+    ),
+    "encoder-drifts": _of_sensor("encoder", "joint", "drift, rad: 0.001", "stance_misfit"),
     # What a climb has to bear: there is nothing to tell.
     "hold-narrower": InTheWorld("holds: {{{hold}: {{size_change_m: [-0.02, -0.02, 0]}}}}", ()),
     "gripper-slow": InTheWorld("robot: {{grippers: {{{limb}: {{speed_limit_m_s: 0.01}}}}}}", ()),
@@ -100,8 +108,13 @@ OF_THE_SUPPLY = {
 }
 SCHEDULED = OF_THE_RUNTIME | OF_THE_SUPPLY
 RESTARTS, TELLS_RESTART = "runtime-restarts", "34 restarted"
+TWO = "two-at-once"
+BESIDE = (  # leave the limb its hold: with another fault three limbs can still bear
+    *("encoder-frozen", "encoder-jump", "encoder-drifts", "ft-zero", "ft-frozen", "ft-nan", "ft-jump", "ft-dropout"),
+    *("finger-force-zero", "finger-force-frozen", "hold-narrower", "gripper-slow", "joint-late", "joint-sticks"),
+)
 LOOKS_S = 0.1  # before the end of the plan, at least
-KINDS = {kind: fault.entry for kind, fault in (IN_THE_WORLD | SCHEDULED).items()} | {RESTARTS: ""}
+KINDS = {kind: fault.entry for kind, fault in (IN_THE_WORLD | SCHEDULED).items()} | {RESTARTS: "", TWO: ""}
 LOSES_A_HOLD = ("hold-breaks", "hold-missing", "slippery-hold")  # of whoever grips there
 FIRST_S, LAST_S = 6.0, 60.0  # the times of faults, or until the plan ends where that is sooner
 START_S = 2.0  # of the climb: there the plan's time begins
@@ -123,6 +136,8 @@ class Fault:
     where: float = 0.0
     for_s: float = FOR_S[0]
     share: float = SHARE[0]
+    both: tuple[Fault, ...] = ()
+    """of TWO: both of them"""
 
     def at_s(self, plan: Any) -> float:
         """When, from the beginning of a climb of `plan`."""
@@ -130,13 +145,30 @@ class Fault:
 
     def text(self, plan: Any) -> str:
         """The world file, or the file of faults, for a climb of `plan`."""
+        if self.kind in SCHEDULED:
+            return f"version: 1\nfaults: [{self._entry(plan)}]\n"
+        entries = [yaml.load(fault._entry(plan), yaml.BaseLoader) for fault in self.both or (self,)]
+        return f"{_flow(reduce(_merged, entries, {'version': '1', 'name': self.kind}))}\n"
+
+    def _entry(self, plan: Any) -> str:
         at_s = self.at_s(plan)
         holds = gripped(plan, at_s - START_S)
         places = {"limb": self.limb, "joint": self.joint, "hold": holds[int(self.where * len(holds))]}
-        entry = KINDS[self.kind].format(at_s=at_s, for_s=self.for_s, share=self.share, **places)
-        if self.kind in SCHEDULED:
-            return f"version: 1\nfaults: [{entry}]\n"
-        return f"version: 1\nname: {self.kind}\n{entry}\n"
+        return KINDS[self.kind].format(at_s=at_s, for_s=self.for_s, share=self.share, **places)
+
+
+def _merged(one: Any, other: Any) -> Any:
+    """Of two world files: sections of both."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one | other | {key: _merged(one[key], other[key]) for key in one.keys() & other.keys()}
+    return one + other if isinstance(one, list) else other
+
+
+def _flow(value: Any) -> str:
+    """As YAML, scalars as they were written."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_flow(each)}" for key, each in value.items()) + "}"
+    return "[" + ", ".join(map(_flow, value)) + "]" if isinstance(value, list) else str(value)
 
 
 def gripped(plan: Any, from_s: float) -> list[int]:
@@ -146,10 +178,27 @@ def gripped(plan: Any, from_s: float) -> list[int]:
     return sorted({limb.hold for knot in knots for limb in knot.limbs if limb.hold >= 0})
 
 
+def limbs_on(plan: Any, hold: str) -> set[str]:
+    """The limbs that grip a hold anywhere in `plan`."""
+    number = [each.name for each in plan.holds].index(hold)
+    return {
+        name for knot in plan.knots for name, limb in zip(LIMB_NAMES, knot.limbs, strict=True) if limb.hold == number
+    }
+
+
 def draw_fault(seed: int) -> Fault:
-    """One fault, by turns of every kind; place and time are drawn."""
+    """One fault, or two at once, by turns of every kind; place and time are drawn."""
     random = np.random.default_rng(seed)
     kind = list(KINDS)[seed % len(KINDS)]
+    fault = _drawn(kind, random)
+    if kind != TWO:
+        return fault
+    first = str(random.choice([each for each in IN_THE_WORLD if each not in BESIDE]))
+    second = replace(_drawn(str(random.choice(BESIDE)), random), when=fault.when)
+    return replace(fault, both=(replace(_drawn(first, random), when=fault.when), second))
+
+
+def _drawn(kind: str, random: np.random.Generator) -> Fault:
     limb = LIMB_NAMES[int(random.integers(len(LIMB_NAMES)))]
     joint = f"{limb}.{int(random.integers(1, 7))}"
     when, where = float(random.random()), float(random.random())
@@ -169,19 +218,22 @@ class FaultyWorld(WorldFile):
 
 @dataclass(frozen=True)
 class WorldFaultJob(ClimbJob):
-    """A climb in a world in which one thing goes wrong."""
+    """A climb in a world in which one thing goes wrong, or two."""
 
     def _measured(self, plan: Any, result: Any) -> dict[str, Any]:
-        """Where a hold breaks: how many limbs grip others then, in physics."""
-        if self.walls != "hold-breaks" or result.truth is None:
-            return {}
-        ((name, hold_breaks),) = self.world.draw(self.seed, plan).holds.items()
+        """Whose holds go wrong, by the plan; where one breaks: how many limbs grip others then, in physics."""
+        holds = self.world.draw(self.seed, plan).holds
+        found: dict[str, Any] = {"on_holds": sorted(set().union(*(limbs_on(plan, name) for name in holds)))}
+        broken = [(name, change.breaks_at_s) for name, change in holds.items() if math.isfinite(change.breaks_at_s)]
+        if not broken or result.truth is None:
+            return found
+        ((name, breaks_at_s),) = broken
         time_s = result.truth.cycle * result.model.model.opt.timestep
-        before = np.searchsorted(time_s, hold_breaks.breaks_at_s) - 1
+        before = np.searchsorted(time_s, breaks_at_s) - 1
         face = result.truth.pad_face[before].reshape(len(LIMB_NAMES), 2)
         hold = np.where(face >= 0, result.model.face_hold[face], -1)
         others = hold != [each.name for each in plan.holds].index(name)
-        return {"grips_left": int(((hold >= 0) & others).all(axis=1).sum())}
+        return found | {"grips_left": int(((hold >= 0) & others).all(axis=1).sum())}
 
 
 @dataclass(frozen=True)
@@ -270,6 +322,12 @@ class Ending:
     """a hold broke while another limb was on its way: fewer than three grips were left"""
 
 
+def _names(fault: Fault, told: list[tuple[str, str]], on_holds: list[str] | None) -> bool:
+    """A fault of its causes, of its limb, or of one that grips its hold, is among those that were told."""
+    limbs = [fault.limb] if fault.limb else on_holds
+    return any(name in IN_THE_WORLD[fault.kind].causes and (not limbs or limb in limbs) for name, limb in told)
+
+
 def ending_of(row: Row, fault: Fault) -> Ending:
     """Of a campaign's row; what a fall and a lost grip are, the judge says."""
     climb: dict[str, Any] = row.get("climb", {})
@@ -277,7 +335,7 @@ def ending_of(row: Row, fault: Fault) -> Ending:
     few_grips = climb.get("grips_left", LEAST_GRIPS) < LEAST_GRIPS
     fell, lost_grip = bool(climb.get("fell")), bool(climb.get("lost_grips"))
     climbed = bool(climb.get("reached_goal")) and not fell and not lost_grip and not climb.get("slips")
-    lost_grip = lost_grip and fault.kind not in LOSES_A_HOLD
+    lost_grip = lost_grip and not any(each.kind in LOSES_A_HOLD for each in fault.both or (fault,))
     if fault.kind == RESTARTS:
         told = climbed and TELLS_RESTART in row["reason"]
     elif fault.kind in SCHEDULED:
@@ -286,8 +344,7 @@ def ending_of(row: Row, fault: Fault) -> Ending:
         told = told and climb.get("robot_on_wall") is True
     else:
         faults = re.findall(r" s: \d+ (\w+)(?:, limb (\w\w))?", row["reason"])
-        causes = IN_THE_WORLD[fault.kind].causes
-        told = any(name in causes and (not fault.limb or limb == fault.limb) for name, limb in faults)
+        told = any(_names(each, faults, climb.get("on_holds")) for each in fault.both or (fault,))
     return Ending(fault.kind, climbed, fell, lost_grip, told, body_m, few_grips)
 
 
