@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from crux_contracts import LIMB_NAMES
 
@@ -34,7 +35,7 @@ class Move:
     touch_down: Array
     yaw_rad: float = 0.0  # of the body meanwhile
 
-    @property
+    @cached_property
     def support(self) -> tuple[int, ...]:
         """Contacts of the limbs that stay."""
         return tuple(c for limb, c in enumerate(self.before) if limb not in self.limbs)

@@ -93,9 +93,10 @@ def search(
     allowed = most[0] + most[1] * tree.estimate(oracles.problem.start_contacts)
     report = tree.report
     while tree.open and not report.timed_out:
-        cost, stance, body = tree.next()
-        if cost > tree.best[stance] + 1e-9:
+        reached = tree.next()
+        if reached is None:
             continue
+        cost, stance, body = reached
         if known and stance in known:
             return [*tree.moves_to(stance), *known[stance]], report
         ahead = tree.estimate(stance)
@@ -110,8 +111,21 @@ def search(
     return None, report
 
 
+@dataclass(frozen=True)
+class _Way:
+    """A move that may lead to a stance; `lift_off` is where the body is as it begins."""
+
+    before: Stance
+    limbs: tuple[int, ...]
+    lift_off: Array
+
+
 class _Tree:
-    """The stances reached, the cheapest moves known to each, and those from which the search may go on."""
+    """The stances reached, the cheapest moves known to each, and the ways on which the search may go on.
+
+    Whether a way is open, clear of other grippers and links, in balance where it lands, costs far more to find out than
+    how long it takes: it is asked of a way when it comes first.
+    """
 
     def __init__(self, oracles: Oracles, at_once: int, greed: float) -> None:
         self._problem = problem = oracles.problem
@@ -123,17 +137,27 @@ class _Tree:
         self._groups = [g for n in range(1, at_once + 1) for g in itertools.combinations(range(4), n)]
         self._counter = itertools.count()
         self._parent: dict[Stance, Move] = {}
-        self.best = {problem.start_contacts: 0.0}
-        self.open: list[tuple[float, float, int, float, Stance, Array]] = []
-        self._add(0.0, problem.start_contacts, problem.start.position_m, 1.0)
+        self._best: dict[Stance, float] = {}
+        self.open: list[tuple[float, float, int, float, Stance, _Way | None]] = []
+        self._add(0.0, problem.start_contacts, None, 1.0)
 
     def estimate(self, stance: Stance) -> float:
         """Least knots to the goal."""
         return sum(self._to_go[limb].get(c, UNREACHABLE) for limb, c in enumerate(stance)) / self._at_once
 
-    def next(self) -> tuple[float, Stance, Array]:
-        """The most promising stance, the cost of getting there, and where the body is then."""
-        *_, cost, stance, body = heapq.heappop(self.open)
+    def next(self) -> tuple[float, Stance, Array] | None:
+        """The cost of getting to the most promising stance, the stance, and where the body is then; None where the way
+        there is not open, or longer than one known.
+        """
+        *_, cost, stance, way = heapq.heappop(self.open)
+        if cost >= self._best.get(stance, np.inf) - 1e-9:
+            return None
+        body = self._problem.start.position_m if way is None else self._landed(stance, way)
+        if body is None:
+            return None
+        self._best[stance] = cost
+        if way is not None:
+            self._parent[stance] = Move(way.before, stance, way.limbs, way.lift_off, body)
         return cost, stance, body
 
     def moves_to(self, stance: Stance) -> list[Move]:
@@ -164,30 +188,35 @@ class _Tree:
     def _move(
         self, cost: float, stance: Stance, limbs: tuple[int, ...], support: tuple[int, ...], lift_off: Array
     ) -> None:
-        reach, swings = self.reach, self.swings
+        reach, swings, way = self.reach, self.swings, _Way(stance, limbs, lift_off)
         for ends in itertools.product(*[map(int, reach.neighbours(limb, stance[limb])) for limb in limbs]):
             after = stance_after(stance, limbs, ends)
             moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
-            landing = reach.of(after)
-            if landing is None or self.estimate(after) >= UNREACHABLE or not swings.free(moves, support):
+            if self.estimate(after) >= UNREACHABLE or not swings.exist(moves, support) or reach.of(after) is None:
                 continue
             new_cost = cost + _move_cost(swings, moves)
-            if new_cost >= self.best.get(after, np.inf) - 1e-9:
-                continue
-            touch_down = self.equilibrium.position(support, *landing, clipped(self._goal, *landing), after)
-            if touch_down is None or not self._links.move_clear(stance, after, limbs, lift_off, touch_down):
-                continue
-            self.best[after] = new_cost
-            self._parent[after] = Move(stance, after, limbs, lift_off, touch_down)
-            self._add(new_cost, after, touch_down, self._greed)
+            if new_cost < self._best.get(after, np.inf) - 1e-9:
+                self._add(new_cost, after, way, self._greed)
 
-    def _add(self, cost: float, stance: Stance, body: Array, greed: float) -> None:
+    def _landed(self, after: Stance, way: _Way) -> Array | None:
+        """Where the body is when a way has led to a stance; None where the way is not open."""
+        moves = [(way.before[limb], after[limb]) for limb in way.limbs]
+        support = tuple(c for limb, c in enumerate(way.before) if limb not in way.limbs)
+        landing = self.reach.of(after)
+        if landing is None or not self.swings.free(moves, support):
+            return None
+        touch_down = self.equilibrium.position(support, *landing, clipped(self._goal, *landing), after)
+        if touch_down is None or not self._links.move_clear(way.before, after, way.limbs, way.lift_off, touch_down):
+            return None
+        return touch_down
+
+    def _add(self, cost: float, stance: Stance, way: _Way | None, greed: float) -> None:
         """Of ways that promise to be as quick, the one nearest the goal comes first: most orders of the same moves are
         as quick, and a long route has too many of them to look at all.
         """
         ahead = self.estimate(stance)
         promises = round(cost + greed * ahead, _TIES)
-        heapq.heappush(self.open, (promises, ahead, next(self._counter), cost, stance, body))
+        heapq.heappush(self.open, (promises, ahead, next(self._counter), cost, stance, way))
 
 
 def _move_cost(swings: SwingCache, moves: list[tuple[int, int]]) -> float:

@@ -46,13 +46,15 @@ class SwingCache:
         assert swing is not None
         return swing
 
-    def free(self, moves: list[tuple[int, int]], support: tuple[int, ...]) -> bool:
-        """Whether all `moves` exist, end on different free holds, and keep clear of the grippers on `support`."""
+    def exist(self, moves: list[tuple[int, int]], support: tuple[int, ...]) -> bool:
+        """Whether there are ways for all `moves`, which end on different holds that those of `support` leave free."""
         contacts = self.problem.contacts
         holds = [contacts[c].hold for c in support] + [contacts[end].hold for _, end in moves]
-        if len(set(holds)) < len(holds):
-            return False
-        if any(self.swing(*move) is None for move in moves):
+        return len(set(holds)) == len(holds) and all(self.swing(*move) is not None for move in moves)
+
+    def free(self, moves: list[tuple[int, int]], support: tuple[int, ...]) -> bool:
+        """Whether all `moves` exist, end on different free holds, and keep clear of the grippers on `support`."""
+        if not self.exist(moves, support):
             return False
         if not all(self._clear(move, c) for move in moves for c in support):
             return False
