@@ -122,6 +122,7 @@ class CentreOfMass:
         self._about, self._mass_kg = about, problem.mass_kg
         self._contacts = np.stack([contact.centre_h_m for contact in problem.contacts])
         self._problem = problem
+        self._known_spans: dict[int, tuple[list[Indices], Array, Array]] = {}  # by the list itself, which is kept
         self._limbs = [_Limb.of(limb, FOLLOW * problem.mass_kg) for limb in problem.limb_masses]
         heights, tilt = problem.body.height_m, problem.body.max_tilt_rad
         tilts = self._tilts = [
@@ -211,9 +212,7 @@ class CentreOfMass:
         shift = about.shift_m[-1]
         total = np.broadcast_to(self._own, (len(node), *self._own.shape)).copy()
         for limb, groups in enumerate(nodes.groups):
-            air = airborne(self._problem, np.concatenate(groups))
-            first = np.array([*(self._contacts[group].min(axis=0) for group in groups), air[0]])
-            last = np.array([*(self._contacts[group].max(axis=0) for group in groups), air[1]])
+            first, last = self._spans(groups)
             option = nodes.options[node, limb]
             shoulder, wide = self._shoulders[limb]
             x0, y0 = (first[option, i] - high[:, i] - shift - shoulder[cell, i] - wide[cell] for i in (0, 1))
@@ -224,6 +223,15 @@ class CentreOfMass:
                 if len(at):
                     self._add(total, at, limb, aloft, (x0[at], x1[at]), (y0[at], y1[at]))
         return np.asarray(total / self._mass_kg)
+
+    def _spans(self, groups: list[Indices]) -> tuple[Array, Array]:
+        """(n + 1, 3) least and most of the places of the gripper on each group of contacts, and in the air."""
+        if id(groups) not in self._known_spans:
+            air = airborne(self._problem, np.concatenate(groups))
+            first = np.array([*(self._contacts[group].min(axis=0) for group in groups), air[0]])
+            last = np.array([*(self._contacts[group].max(axis=0) for group in groups), air[1]])
+            self._known_spans[id(groups)] = groups, first, last
+        return self._known_spans[id(groups)][1:]
 
     def _add(
         self, total: Array, at: Indices, limb: int, aloft: int, x: tuple[Array, Array], y: tuple[Array, Array]
