@@ -11,7 +11,6 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.schedule import Move, Stance
 from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.attempt import attempts
-from crux_planner.pipeline.by_map import plan_by_map
 from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
 from crux_planner.pipeline.fallback import disproved, farther, plan_wider, without_blamed
@@ -78,6 +77,8 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     except InfeasibleError as none_near:
         none_level = none_near
     proof = disproved(climb, none_level)
+    from crux_planner.pipeline.by_map import plan_by_map  # with parts of SciPy that most climbs do without
+
     if (by_map := plan_by_map(climb)) is not None:
         return _with_gap(climb, by_map)
     climb = farther(climb)
