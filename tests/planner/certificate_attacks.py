@@ -225,7 +225,7 @@ def _scheduled(climb: Climb, moves: list[Move]) -> tuple[Climb, Schedule, Start]
     aimed, path = path_to_goal(timed.problem, climb.oracles.equilibrium, schedule)
     if path is None:
         return None
-    return timed, schedule, start_from_path(aimed, path, schedule.yaw_rad)
+    return timed, schedule, start_from_path(aimed, path)
 
 
 def _longer(steps: int, schedule: Schedule, start: Start, dt_s: float) -> Iterator[tuple[Schedule, Start]]:
@@ -244,9 +244,8 @@ def _longer(steps: int, schedule: Schedule, start: Start, dt_s: float) -> Iterat
         body = start.body[kept].copy()
         body[:-1, 6:] = np.diff(body[:, :6], axis=0) / dt_s
         wrenches = [start.wrenches[min(k, last - 1)] for k in kept[:-1]]
-        contacts, yaw_rad = [schedule.contacts[k] for k in kept], schedule.yaw_rad
-        yaw_rad = None if yaw_rad is None else yaw_rad[kept]
-        repeated = replace(schedule, contacts=contacts, poses=schedule.poses[kept], yaw_rad=yaw_rad)
+        contacts = [schedule.contacts[k] for k in kept]
+        repeated = replace(schedule, contacts=contacts, poses=schedule.poses[kept])
         yield repeated, Start(body, wrenches, near=True)
 
 

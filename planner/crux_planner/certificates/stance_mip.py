@@ -272,13 +272,12 @@ class StanceMip:
 
     def _in_reach(self, place: Indices, stance: list[Indices]) -> None:
         reach = self.costs.reach
-        slack = self.problem.tilt_slack_m * np.abs(reach.shape.directions[:, :2]).sum(axis=1)
         for limb, (own, x) in enumerate(zip(self.contacts, stance, strict=True)):
             columns = np.append(place, x)
             for k, direction in enumerate(reach.shape.directions):
                 high, low = reach.high[limb, own, k], reach.low[limb, own, k]
-                self.milp.row(columns, np.append(direction, -high), -np.inf, slack[k])
-                self.milp.row(columns, np.append(direction, -low), -slack[k], np.inf)
+                self.milp.row(columns, np.append(direction, -high), -np.inf, 0.0)
+                self.milp.row(columns, np.append(direction, -low), 0.0, np.inf)
 
     def _within(
         self, a: Indices | None, b: Indices, there: Array, step: float, more: list[tuple[Indices, Array]]

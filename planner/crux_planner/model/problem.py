@@ -145,12 +145,9 @@ class Problem(CentroidalProblem):
     last_torques_Nm: Array  # (4, 6) where that leaves no solution: peak torques, less the least margin
     limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (physics.limit_surface)
     surface_reserve_N: float = 0.0  # kept of each finger's limit surface in the exact NLP
-    reach_reserve_m: float = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
-    tilt_slack_m: float = 0.0  # that the search gives a body which tilts: as far off the place where (9a) has it level
     speed_limits: SpeedLimits = field(default_factory=dict)  # where the body must be slower than its bound
     near: frozenset[Contacts] = frozenset()  # where limbs keep to their boxes
     nominal: Problem | None = None  # with the rows as they are without the scenario's uncertainty
-    turns: bool = False  # headings are chosen by the search, for the boxes do not allow for all on the way
 
     @property
     def weight_N(self) -> Array:

@@ -33,7 +33,6 @@ class Move:
     limbs: tuple[int, ...]
     lift_off: Array
     touch_down: Array
-    yaw_rad: float = 0.0  # of the body meanwhile
 
     @cached_property
     def support(self) -> tuple[int, ...]:
@@ -68,7 +67,6 @@ class Schedule:
     moves: list[Move]
     contacts: list[list[int | None]]
     poses: Array
-    yaw_rad: Array | None = None  # (N + 1,) of the body, where the search chose it
 
     @property
     def gait(self) -> list[str]:

@@ -5,25 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from crux_planner.model.arrays import Array, Flags, Indices
-from crux_planner.model.problem import Problem, turned_problem
+from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
-from crux_planner.physics.reach import between, body_positions, turned
+from crux_planner.physics.reach import between, body_positions
 
 REACH_RESERVE_M = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
 
 
 class ReachableSet:
-    """Body positions (level, unturned body) from which limbs have their contacts in the acceptance box.
-
-    `fixed`: it does not turn on its way either, as where the search chooses headings; else it turns and tilts from the
-    start's orientation to the goal's.
+    """Body positions (level, unturned body) from which limbs have their contacts in the acceptance box, where the body
+    turns and tilts from the start's orientation to the goal's.
     """
 
-    def __init__(self, problem: Problem, fixed: bool = False) -> None:
-        self.problem = problem
-        self._turned: dict[float, ReachableSet] = {0.0: self}
-        reserve, fixed = problem.reach_reserve_m, fixed or problem.turns
-        self.shape = turned(problem.boxes, 0.0, reserve) if fixed else between(problem, reserve)
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self.shape = problem, between(problem, REACH_RESERVE_M)
         self._spread: Array = np.abs(problem.boxes.directions).sum(axis=1)  # of a cube of half edge 1
         centres = np.stack([c.centre_h_m for c in problem.contacts])
         bounds = body_positions(centres[:, None], self.shape)
@@ -35,27 +30,17 @@ class ReachableSet:
         high = np.minimum(self.high[:, :, None], self.high[:, None])
         self._meet: Flags = np.all(low <= high, axis=3)  # (4, C, C)
 
-    def turned(self, yaw_rad: float) -> ReachableSet:
-        """The same for a body turned by `yaw_rad`: positions are along its axes then."""
-        if yaw_rad not in self._turned:
-            self._turned[yaw_rad] = ReachableSet(turned_problem(self.problem, yaw_rad), fixed=True)
-        return self._turned[yaw_rad]
-
     def neighbours(self, limb: int, contact: int) -> Indices:
         """Contacts that a limb has in reach from some body position from which it also has `contact`."""
         return np.flatnonzero(self._meet[limb, contact])
 
     def of(self, stance: Stance) -> tuple[Array, Array] | None:
-        """Bounds (m,) of the body position for all four limbs, None where they leave nothing.
-
-        A small tilt moves all grippers by the same way against their boxes: what it gives is space around the bounds.
-        """
+        """Bounds (m,) of the body position for all four limbs, None where they leave nothing."""
         index = (np.arange(4), list(stance))
         low, high = self.low[index].max(axis=0), self.high[index].min(axis=0)
         if (low > high + 1e-9).any():
             return None
-        slack = self.problem.tilt_slack_m * np.abs(self.shape.directions[:, :2]).sum(axis=1)
-        return low - slack, high + slack
+        return low, high
 
     def around(self, position: Array, half_m: float) -> tuple[Array, Array]:
         """Bounds (m,) of a cube around a position."""

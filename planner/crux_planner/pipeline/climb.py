@@ -3,36 +3,33 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
-from crux_planner.certificates.other_sequences import MOST_MOVES
+from crux_planner.certificates.bound.bound_worker import AIM, PATIENCE_S, ClimbBoundWorker, gap
+from crux_planner.certificates.bound.climb import EFFORT, lower_bound
 from crux_planner.checker import check_plan
-from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError, wrong
+from crux_planner.errors import HorizonError, InfeasibleError, wrong
 from crux_planner.model.build import build_problem
-from crux_planner.model.schedule import Move, Stance
+from crux_planner.model.problem import Problem
 from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.attempt import attempts
+from crux_planner.pipeline.by_map import plan_by_map
 from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
-from crux_planner.pipeline.fallback import disproved, farther, plan_wider, without_blamed
+from crux_planner.pipeline.fallback import at_last, disproved, farther, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, method_settings
-from crux_planner.pipeline.solve_and_check import Climb, finish, least_steps, solve_and_check
+from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ANY, Oracles, SearchReport, ends_at, search
+from crux_planner.search.stances import ANY, Oracles, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
 
 QUICKEST = (200.0, 5.0)  # stances looked at for the quickest sequence of contacts: on any way, and for each knot
-FEW_MOVES = 5  # of a sequence in all of the inner reach that the MIP looks at: there it takes far longer for each
 GREED = 2.0  # the factor by which a sequence may be slower after that
 LEVEL_SHARE = 0.6  # of the time goes at most into the search for plans of a level body with one heading
 REASON_SHARE = 0.1  # of the time is kept to find out why there is no plan
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
-
-Found = tuple[list[Move] | None, SearchReport]
-"""Moves to the goal, and what the search for them saw."""
 
 
 def plan(session: Session, worker: Worker, prove_s: float | None = None) -> PlanResult:
@@ -68,40 +65,23 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
 
 
 def _plan_anyhow(climb: Climb) -> PlanResult:
-    """A level body, with limbs in their boxes, with all of their reach, by map, or in a larger convex piece of it; then
-    tilted goals and grasps off the middle; where the level search takes long, these before it goes on.
+    """By map; where that finds nothing soon, with limbs in their boxes, then by map with grasps off the middle too, and
+    last with limbs in the larger convex pieces of their reach.
     """
-    work = climb.work
+    if (quick := plan_by_map(climb, quick=True)) is not None:
+        return _with_gap(climb, *quick)
     try:
-        return _plan_near_or_far(climb, climb.session.share_of_time(LEVEL_SHARE))
+        return _plan_level(climb, True, climb.session.share_of_time(LEVEL_SHARE))
     except InfeasibleError as none_near:
         none_level = none_near
     proof = disproved(climb, none_level)
-    from crux_planner.pipeline.by_map import plan_by_map  # with parts of SciPy that most climbs do without
-
-    if (by_map := plan_by_map(climb)) is not None:
-        return _with_gap(climb, by_map)
-    climb = farther(climb)
-    if none_level.constraint != TIME_LIMIT:  # a search that takes long in the boxes takes longer beyond them
-        try:
-            return _plan_level(climb, True, climb.session.share_of_time(LEVEL_SHARE))
-        except InfeasibleError as none_quick:
-            none_level = none_quick
-    bound, work.bound = work.bound, None  # it is about fewer grasps than what follows
-    if none_level.constraint != TIME_LIMIT:
-        if bound is not None:
-            bound.stop()
-        return plan_wider(climb, none_level, proof)
+    if (found := plan_by_map(climb)) is not None:
+        return _with_gap(climb, *found)
     try:
-        return plan_wider(climb, none_level, proof, further=True)
-    except InfeasibleError as none_wider:
-        if none_wider.proven or climb.session.late:
-            raise
-        work.bound = bound
-        return _plan_level(climb, False, climb.session.share_of_time(LEVEL_SHARE))
-    finally:
-        if bound is not None and work.bound is None:
-            bound.stop()
+        return _plan_level(farther(climb), False, climb.session.share_of_time(LEVEL_SHARE))
+    except InfeasibleError as none_far:
+        none_level = none_far
+    raise none_level if proof is None else at_last(climb, none_level, proof)
 
 
 def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
@@ -121,44 +101,9 @@ def _level_has_plan(climb: Climb) -> bool:
     return True
 
 
-def _plan_near_or_far(climb: Climb, until: float) -> PlanResult:
-    """A plan with limbs in their boxes, or one of the quickest sequence in all of their inner reach: the latter where
-    the body alone gets to the goal, or, on a climb of few moves, where it takes fewer steps and costs less. Raises
-    InfeasibleError where the boxes allow none.
-    """
-    near, far = (_within_torques(each, climb.problem.friction_share) for each in (climb, farther(climb)))
-    begun = _searched(near, until, QUICKEST)
-    if begun[0] != []:
-        alone = ends_at(far.oracles, climb.problem.start_contacts)
-        if alone and isinstance(found := solve_and_check(far, []), PlanResult):
-            return _with_gap(climb, found)
-    plan = _plan_level(climb, True, until, begun)
-    if len(plan.gait) > MOST_MOVES or climb.session.late:
-        return plan
-    moves, _ = _searched(far, until, (begun[1].expanded, 0.0))  # a quicker one is found sooner
-    if moves is None or _steps(moves) == _steps(begun[0] or []) or least_steps(far, moves) >= plan.steps:
-        return plan
-    unbounded = replace(far, session=replace(far.session, work=replace(climb.work, bound=None)))
-    found = solve_and_check(unbounded, moves)
-    if not isinstance(found, PlanResult) or found.cost >= plan.cost:
-        return plan
-    if len(moves) <= FEW_MOVES and isinstance(others := solve_and_check(far, moves), PlanResult):
-        found = others
-    return _with_gap(climb, found)
-
-
-def _steps(moves: list[Move]) -> list[tuple[tuple[int, ...], Stance]]:
-    return [(move.limbs, move.after) for move in moves]
-
-
-def _searched(climb: Climb, until: float, most: tuple[float, float], at_once: int = 1, greed: float = 1.0) -> Found:
-    with climb.work.part("contacts", 0.1):
-        return search(climb.oracles, at_once=at_once, greed=greed, deadline=until, most=most)
-
-
-def _plan_level(climb: Climb, quick: bool, until: float, begun: Found | None = None) -> PlanResult:
+def _plan_level(climb: Climb, quick: bool, until: float) -> PlanResult:
     """The body level, with one heading, and grasps in the middle of their faces; by sequences of contacts that are
-    found until then, the first of them `begun` where it is found already.
+    found until then.
 
     `quick`: only by the quickest sequences of contacts, and only while these are found soon.
     """
@@ -170,9 +115,9 @@ def _plan_level(climb: Climb, quick: bool, until: float, begun: Found | None = N
             break
 
         def attempt(climb: Climb, at_once: int = at_once) -> PlanResult | InfeasibleError | None:
-            nonlocal begun
-            moves, seen = begun or _searched(climb, until, most, at_once, greed)
-            begun = None
+            with climb.work.part("contacts", 0.1):
+                found = search(climb.oracles, at_once=at_once, greed=greed, deadline=until, most=most)
+            moves, seen = found
             if moves is not None:
                 return solve_and_check(climb, moves)
             failures.append(explain(climb.oracles, seen, at_once))
@@ -240,10 +185,18 @@ def _plan_by_method(climb: Climb) -> PlanResult:
     return result
 
 
-def _with_gap(climb: Climb, plan: PlanResult) -> PlanResult:
-    """The plan, and how far above a proven lower bound its cost is, where one is worked out."""
-    if (bound := climb.work.bound) is not None:
-        with climb.work.part("bound", 0.95):
+def _with_gap(climb: Climb, plan: PlanResult, planned: Problem | None = None) -> PlanResult:
+    """The plan, and how far above a proven lower bound its cost is, where one is worked out; of the `planned` problem,
+    where that has grasps that the climb's has not.
+    """
+    if (bound := climb.work.bound) is None:
+        return plan
+    with climb.work.part("bound", 0.95):
+        if planned is not None and len(planned.contacts) > len(climb.problem.contacts):
+            bound.stop()
+            wide = replace(planned, steps=plan.steps)
+            plan.gap = gap(plan.cost, lower_bound(wide, (1.0 - AIM) * plan.cost, PATIENCE_S, effort=EFFORT))
+        else:
             bound.start_with(plan.steps, plan.cost)  # unless it is about so many already
             plan.gap = bound.gap(plan.cost)
     return plan

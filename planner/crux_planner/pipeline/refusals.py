@@ -43,6 +43,15 @@ class TooFast(InfeasibleError):
         self.speed_limits = speed_limits
 
 
+def refused_by(report: CheckReport) -> InfeasibleError:
+    """What a check finds most."""
+    first = max(report.violations, key=lambda v: v.amount)
+    who = " ".join(part for part in (first.limb, f"finger {first.finger}" if first.finger else None) if part)
+    when = "" if first.time_s is None else f" at {first.time_s:.1f} s"
+    text = f"every plan found fails the check: {first.constraint}{' of ' + who if who else ''}{when} by "
+    return InfeasibleError(first.constraint, f"{text}{first.amount:.3g} {first.unit} {first.detail}".rstrip())
+
+
 def slowed(
     speed_limits: SpeedLimits, report: CheckReport, contacts: list[list[int | None]], speed_m_s: Array, dt_s: float
 ) -> dict[Contacts, float] | None:
@@ -75,7 +84,7 @@ def nearer(problem: Problem, report: CheckReport, contacts: list[list[int | None
     at = [time_s / problem.dt_s for time_s in times if time_s is not None]
     knots = {int(end) for k in at for end in (k + 1e-9, np.ceil(k - 1e-9))}
     near = problem.near | {tuple(contacts[k]) for k in knots}
-    if problem.turns or problem.boxes is problem.limb_reach.box or None in times or near == problem.near:
+    if problem.boxes is problem.limb_reach.box or None in times or near == problem.near:
         return None
     return replace(problem, near=near)
 

@@ -18,26 +18,28 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import build_problem, start_contacts, start_inertia
 from crux_planner.model.poses import check_body, pose_in_heading_frame
 from crux_planner.model.problem import Pose, Problem
-from crux_planner.model.schedule import Move, Schedule
+from crux_planner.model.schedule import Schedule
 from crux_planner.pipeline.attempt import attempts
+from crux_planner.pipeline.by_joints import UNLIMITED
+from crux_planner.pipeline.by_map import plan_by_map
 from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.explanation import explain
-from crux_planner.pipeline.fallback import ATTEMPTS, plan_turning, without_blamed
+from crux_planner.pipeline.fallback import ATTEMPTS, without_blamed
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.pace import paced
 from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
 from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
 from crux_planner.pipeline.session import Session, Work
-from crux_planner.pipeline.solve_and_check import SPARE_KNOTS, Climb, finish, in_time, path_to_goal, solve_and_check
+from crux_planner.pipeline.solve_and_check import SPARE_KNOTS, Climb, finish, in_time, path_to_goal
+from crux_planner.reach.arm import reaches_of
 from crux_planner.search.stances import ANY, Oracles, SearchReport, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
+from crux_planner.trajectory.joint_rows import JointFunctions
 from crux_planner.trajectory.solution import Start, start_from_path
-from crux_planner.trajectory.stage_functions import StageFunctions
 
 TIME_LIMIT_S = 10.0
 FIRST_LOOK = (20.0, 1.0)  # stances, and more a knot: ways of a level body that are not found so soon are searched last
-TURNING_LOOKS = 6400  # at moves, for the searches that choose headings
 _SLACK_M = 1e-3
 
 
@@ -50,7 +52,8 @@ class Planner:
         self.robot = robot_of(robot)
         self.problem = build_problem(self.scenario, self.robot)
         self.oracles = Oracles.of(self.problem, TorqueLimits(self.problem, self.problem.friction_share))
-        self.functions = StageFunctions(self.problem.farther()).started_elsewhere(self.problem.farther())
+        self.functions = JointFunctions(self.problem, reaches_of(self.robot), UNLIMITED)
+        self.functions.started_elsewhere(self.problem)  # which makes them
         self._refused: InfeasibleError | None = None
         self._seen = SearchReport()
 
@@ -91,7 +94,7 @@ class Planner:
             timed = climb.of(replace(problem, steps=begun.steps))
             result = self._finish(timed, begun.schedule, begun.start)
         most = max(problem.steps, self.scenario.horizon.steps - first)
-        result = result or self._anew(climb, most, remaining) or self._turning(climb, most)
+        result = result or self._anew(climb, most, remaining) or self._by_map(climb, most)
         if result is None:
             work.log("the quick ways found no plan that passes the check; planning from scratch")
             left = max(scenario.horizon.steps, self.scenario.horizon.steps - first)
@@ -124,7 +127,7 @@ class Planner:
 
         result = level(FIRST_LOOK)
         cut_short = self._seen.timed_out
-        result = result or self._turning(climb, most)
+        result = result or self._by_map(climb, most)
         if result is None and cut_short and not climb.session.late:
             result = level(ANY)
         if result is None:
@@ -134,15 +137,11 @@ class Planner:
         result.seconds, result.computed_s = work.took_s()
         return result
 
-    def _turning(self, climb: Climb, most: int) -> PlanResult | None:
+    def _by_map(self, climb: Climb, most: int) -> PlanResult | None:
         """With other headings and grasps, in up to `most` steps."""
-        turning = _for(climb, rewritten(climb.session.scenario, steps=most)).of(self.problem)
-        least = climb.problem.steps
-
-        def solve(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleError:
-            return self._solve_and_check(climb, moves, least)
-
-        found = plan_turning(turning, TURNING_LOOKS, solve)
+        scenario = rewritten(climb.session.scenario, steps=most)
+        problem = build_problem(scenario, self.robot, reach=self.problem.limb_reach)
+        found = plan_by_map(replace(_for(climb, scenario), oracles=Oracles.of(problem)))
         return None if found is None else found[0]
 
     def _anew(
@@ -169,22 +168,10 @@ class Planner:
                     return result
         return None
 
-    def _solve_and_check(self, climb: Climb, moves: list[Move], least: int) -> PlanResult | InfeasibleError:
-        """A checked plan for moves of a problem of its own, with the steps they need, and at `least` so many."""
-        shortest = climb.of(replace(climb.problem, steps=least))
-        for spare in SPARE_KNOTS:
-            timed, _ = in_time(shortest, moves, spare)
-            scenario = rewritten(climb.session.scenario, steps=timed.problem.steps)
-            found = solve_and_check(_for(timed, scenario), moves)
-            if isinstance(found, PlanResult):
-                break
-        return found
-
     def _finish(self, climb: Climb, schedule: Schedule, start: Start) -> PlanResult | None:
         scenario = rewritten(climb.session.scenario, steps=climb.problem.steps)
         problem = self._as_numbered_in(scenario, climb.problem)
-        functions = self.functions.started_elsewhere(problem.farther())
-        found = finish(_for(climb, scenario).of(problem), schedule, start, functions)
+        found = finish(_for(climb, scenario).of(problem), schedule, start, self.functions)
         if isinstance(found, PlanResult):
             return found
         climb.work.log(f"refused: {found}")

@@ -8,15 +8,16 @@ from functools import partial
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
-from crux_planner.certificates.other_sequences import look_at_others
+from crux_planner.certificates.other_sequences import OtherSequences, look_at_others
 from crux_planner.checker import CheckReport, check_plan
 from crux_planner.errors import HorizonError, InfeasibleError, unsolved
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
 from crux_planner.physics.cost import plan_cost
 from crux_planner.pipeline.attempt import attempts, without_waits
+from crux_planner.pipeline.by_joints import solve_by_joints
 from crux_planner.pipeline.message import PlanResult, plan_message
-from crux_planner.pipeline.refusals import CUTS, TooFast, eased, nearer, slowed
+from crux_planner.pipeline.refusals import CUTS, TooFast, eased, nearer, refused_by, slowed
 from crux_planner.pipeline.restart import rewritten
 from crux_planner.pipeline.session import RefusedWay, Session, Work
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
@@ -26,6 +27,7 @@ from crux_planner.search.improve import improve, improve_in_fewest
 from crux_planner.search.schedule import at_knots, least_durations, scheduled
 from crux_planner.search.stances import Oracles
 from crux_planner.trajectory.exact import solve_within_torques
+from crux_planner.trajectory.joint_rows import JointFunctions
 from crux_planner.trajectory.solution import Solution, Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.waiting import PACES, without_waiting
@@ -69,14 +71,7 @@ class _Choice:
 
 def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleError:
     """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
-    work, as_given = climb.work, climb.problem
-    with work.part("improve", 0.3):
-        costs = EventCost(climb.oracles)
-        level = moves and not as_given.turns  # its estimates are of a level body that takes steps
-        timed, unsure = _improved(climb, costs, moves) if level else (None, False)
-    with work.part("mip", 0.35):
-        bounded = work.bound is not None  # where there is no time for a bound, as a robot waits, there is none for this
-        others = look_at_others(costs, timed, climb.session.deadline) if timed is not None and bounded else None
+    as_given, (timed, unsure, others) = climb.problem, cheaper_near(climb, moves)
     failures: list[InfeasibleError] = []
 
     def slower(choice: _Choice, failure: InfeasibleError) -> _Choice | None:
@@ -112,8 +107,23 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
         result.others = None if others is None else replace(others, found=made_of.by_mip)
         return _cheaper(result, made(replace(first, timed=None))) if unsure and made_of.timed is not None else result
     short = [failure for failure in failures if isinstance(failure, HorizonError)]
-    work.refused.append(RefusedWay((short or failures)[0], partial(_in_steps, climb, moves)))
+    climb.work.refused.append(RefusedWay((short or failures)[0], partial(_in_steps, climb, moves)))
     return failures[0]
+
+
+def cheaper_near(climb: Climb, moves: list[Move]) -> tuple[Timed | None, bool, OtherSequences | None]:
+    """The moves or cheaper ones near them, timed, None where nothing is estimated; whether the moves as they are may be
+    cheaper; and what a MIP says of others.
+    """
+    work, timed, unsure, others = climb.work, None, False, None
+    with work.part("improve", 0.3):
+        costs = EventCost(climb.oracles)
+        if moves:  # its estimates are of a level body that takes steps
+            timed, unsure = _improved(climb, costs, moves)
+    with work.part("mip", 0.35):
+        if timed is not None and work.bound is not None:  # no time for a bound, as a robot waits, is none for this
+            others = look_at_others(costs, timed, climb.session.deadline)
+    return timed, unsure, others
 
 
 def _cheaper(plan: PlanResult, other: PlanResult | InfeasibleError) -> PlanResult:
@@ -164,7 +174,7 @@ def _schedule_and_finish(
     if path is None:
         text = f"no body path for the gait {gait(schedule)}: reach and equilibrium do not meet in time"
         return InfeasibleError("body", text).blaming(longest(climb.problem, schedule.moves))
-    return finish(climb.of(aimed), schedule, start_from_path(aimed, path, schedule.yaw_rad))
+    return finish(climb.of(aimed), schedule, start_from_path(aimed, path))
 
 
 def _over(climb: Climb, steps: int) -> Climb:
@@ -207,10 +217,11 @@ def path_to_goal(
 
 
 def finish(
-    climb: Climb, schedule: Schedule, start: Start, functions: StageFunctions | None = None
+    climb: Climb, schedule: Schedule, start: Start, functions: JointFunctions | None = None
 ) -> PlanResult | InfeasibleError:
-    """The exact NLP and the check for a schedule, whatever method found it: first with all of the limbs' inner reach,
-    where the body leans farther than their boxes allow. `functions` are those of the problem with that reach.
+    """The exact NLP and the check for a schedule, whatever method found it: first with the joint limits themselves
+    where there are `functions` for them, else with all of the limbs' inner reach, where the body leans farther than
+    their boxes allow; and then in these.
     """
     ways = [without_waiting(climb.problem, schedule, start, pace) for pace in PACES]
     shorter = [(climb.of(fewer), moving, begun) for fewer, moving, begun in ways if fewer.steps < climb.problem.steps]
@@ -219,26 +230,26 @@ def finish(
     def finish_as_it_is(way: tuple[Climb, Schedule, Start]) -> PlanResult | InfeasibleError:
         climb, schedule, start = way
         far = climb.problem.farther()
-        if far is climb.problem:
-            return _finish_as_it_is(climb, schedule, start, functions, CUTS)
-        if climb is first:
+        if far is not climb.problem and climb is first:
             quiet = replace(climb.session, work=replace(climb.work, log=lambda _line: None))
-            silent = replace(climb.of(far), session=quiet)
-            found = _finish_as_it_is(silent, schedule, start, functions, FAR_CUTS)
+            found: PlanResult | InfeasibleError | None
+            if functions is None:
+                found = _finish_as_it_is(replace(climb, session=quiet).of(far), schedule, start, FAR_CUTS)
+            else:
+                begun = functions.started_elsewhere(climb.problem)
+                found = solve_by_joints(quiet, climb.problem, schedule, start, begun)
             if isinstance(found, PlanResult):
                 return found
-        return _finish_as_it_is(climb, schedule, start, None, CUTS)
+        return _finish_as_it_is(climb, schedule, start, CUTS)
 
     return without_waits(climb.session, (climb, schedule, start), shorter, finish_as_it_is)
 
 
-def _finish_as_it_is(
-    climb: Climb, schedule: Schedule, start: Start, functions: StageFunctions | None, cuts: int
-) -> PlanResult | InfeasibleError:
+def _finish_as_it_is(climb: Climb, schedule: Schedule, start: Start, cuts: int) -> PlanResult | InfeasibleError:
     problem, session, work = climb.problem, climb.session, climb.work
     if work.bound is not None:
         work.bound.start_with(problem.steps, plan_cost(problem, schedule, start.body, start.wrenches))
-    functions, refused = functions or StageFunctions(problem), None
+    functions, refused = StageFunctions(problem), None
     for _ in range(1 + cuts):
         with work.part("nlp", 0.5):
             solution = solve_within_torques(problem, schedule, start, session.deadline, functions)
@@ -256,13 +267,13 @@ def _finish_as_it_is(
         easier = eased(near or problem, report) or near
         if easier is None:
             break
-        refused = refused or _refused(report)
+        refused = refused or refused_by(report)
         work.log(f"{refused}; once more with less of those joints or of their reach")
         problem, start = easier, solution.start
     if not report.ok:
         speed = np.abs(solution.body[:, 6:9]).max(axis=1)
         slow = slowed(problem.speed_limits, report, schedule.contacts, speed, problem.dt_s)
-        refused = _refused(report)
+        refused = refused_by(report)
         refused = refused if slow in (None, dict(problem.speed_limits)) else TooFast(refused, slow or {})
         return refused.blaming(_blamed(report, schedule, problem))
     result = PlanResult.of(message, report, solution, schedule.gait, work)
@@ -284,14 +295,6 @@ def _cost_without(nominal: Problem, climb: Climb, schedule: Schedule, solution: 
 def gait(schedule: Schedule) -> str:
     """The limbs in the order in which they release, as text."""
     return ", ".join(schedule.gait) or "without a step"
-
-
-def _refused(report: CheckReport) -> InfeasibleError:
-    first = max(report.violations, key=lambda v: v.amount)
-    who = " ".join(part for part in (first.limb, f"finger {first.finger}" if first.finger else None) if part)
-    when = "" if first.time_s is None else f" at {first.time_s:.1f} s"
-    text = f"every plan found fails the check: {first.constraint}{' of ' + who if who else ''}{when} by "
-    return InfeasibleError(first.constraint, f"{text}{first.amount:.3g} {first.unit} {first.detail}".rstrip())
 
 
 def _blamed(report: CheckReport, schedule: Schedule, problem: Problem) -> tuple[int, int] | None:

@@ -204,7 +204,7 @@ class ArmReach:
         placed = [(*frames[each.frame], each) for each in capsules]
         ends = [[origin + turn @ each.start_m, origin + turn @ each.end_m] for origin, turn, each in placed]
         start, end = np.moveaxis(np.array(ends).reshape(len(placed), 2, *poses.shape, 3), 0, -2)
-        return Links(start, end, np.array([each.radius_m for each in capsules]))
+        return Links(start, end, *solids.radii_and_hands(capsules))
 
     def off_trunk(self, poses: GripperPoses) -> Flags:
         """(n,) whether all links keep off the trunk, for poses (n,) within the links' reach."""

@@ -10,20 +10,27 @@ from crux_planner.reach.solids import Links
 _AT_ONCE = 4096  # poses, for the memory that all pairs of links take
 
 
-def apart(first: Links, second: Links, clear_m: float) -> Flags:
-    """(n,) where two limbs keep their links off each other by a clearance."""
+def apart(first: Links, second: Links, clear_m: float, hands: bool = True) -> Flags:
+    """(n,) where two limbs keep their links off each other by a clearance; without `hands`, those of one gripper off
+    the other's are left out: no body pose changes how far these are apart.
+    """
     found = _boxes_apart(first, second, clear_m)
     unsure = np.flatnonzero(~found)
     for some in np.split(unsure, range(_AT_ONCE, len(unsure), _AT_ONCE)):
-        found[some] = gap_m(first, second, some) >= clear_m
+        found[some] = gap_m(first, second, some, hands) >= clear_m
     return found
 
 
-def gap_m(first: Links, second: Links, some: Indices | slice = slice(None)) -> Array:
-    """Least distance (m,) between links of two limbs at some of the poses, negative where they are in each other."""
+def gap_m(first: Links, second: Links, some: Indices | slice = slice(None), hands: bool = True) -> Array:
+    """Least distance (m,) between links of two limbs at some of the poses, negative where they are in each other; see
+    `apart` about `hands`.
+    """
     ends = [each[some] for each in (first.start_m, first.end_m, second.start_m, second.end_m)]
     pairs = segment_to_segment(ends[0][:, :, None], ends[1][:, :, None], ends[2][:, None], ends[3][:, None])
-    return np.asarray((pairs - first.radius_m[:, None] - second.radius_m).min(axis=(1, 2)))
+    gaps = pairs - first.radius_m[:, None] - second.radius_m
+    if not hands:
+        gaps[:, np.logical_and.outer(first.hand, second.hand)] = np.inf
+    return np.asarray(gaps.min(axis=(1, 2)))
 
 
 def segment_to_segment(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:

@@ -99,13 +99,17 @@ class BodyGrid:
         reaches: Sequence[Reach],
         clear_m: float,
         moving: Sequence[int] = (0, 1, 2, 3),
+        hands: bool = True,
     ) -> Flags:
-        """The part of a stance's mask in which `moving` limbs keep off all others; grippers (4,) by limb."""
+        """The part of a stance's mask in which `moving` limbs keep off all others; grippers (4,) by limb. `hands` as in
+        `between.apart`.
+        """
         cells = np.flatnonzero(mask)
         found = np.zeros(mask.shape, dtype=bool)
         links = {limb: reaches[limb].links(self.seen(at).where(cells)) for limb, at in grippers_w.items()}
         pairs = [pair for pair in combinations(links, 2) if not set(moving).isdisjoint(pair)]
-        found.reshape(-1)[cells] = np.logical_and.reduce([between.apart(links[a], links[b], clear_m) for a, b in pairs])
+        gaps = [between.apart(links[a], links[b], clear_m, hands) for a, b in pairs]
+        found.reshape(-1)[cells] = np.logical_and.reduce(gaps)
         return found
 
     def ruled_out(self, reach: Reach, gripper_w: Array, slack: Array = _EXACT) -> Flags:

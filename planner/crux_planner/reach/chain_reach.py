@@ -64,7 +64,7 @@ class ChainReach:
         first, last = (
             np.moveaxis(np.array(each).reshape(len(capsules), *poses.shape, 3), 0, -2) for each in (start, end)
         )
-        return Links(first, last, np.array([each.radius_m for each in capsules]))
+        return Links(first, last, *solids.radii_and_hands(capsules))
 
     def _off_trunk(self, q_rad: Array, poses: GripperPoses) -> Flags:
         """(n,) whether all links keep off the trunk."""

@@ -7,6 +7,7 @@ there are two versions: `around` has all of the shape, for what must keep off; `
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,17 +76,25 @@ def solids(robot: Robot, limb: Limb, *, around: bool) -> Solids:
     return Solids(trunk, tuple(capsules[len(first) :]), first)
 
 
+def radii_and_hands(capsules: Sequence[Capsule]) -> tuple[Array, Flags]:
+    """(P,) of each."""
+    return np.array([each.radius_m for each in capsules]), np.array([each.frame == HAND for each in capsules])
+
+
 @dataclass(frozen=True)
 class Links:
-    """The links of a limb at n poses as P capsules in the body frame: ends (n, P, 3), (n, P, 3) and radii (P,) [m]."""
+    """The links of a limb at n poses as P capsules in the body frame: ends (n, P, 3), (n, P, 3) and radii (P,) [m];
+    and which (P,) are the gripper's.
+    """
 
     start_m: Array
     end_m: Array
     radius_m: Array
+    hand: Flags
 
     def where(self, index: Indices) -> Links:
         """At some of the poses."""
-        return Links(self.start_m[index], self.end_m[index], self.radius_m)
+        return Links(self.start_m[index], self.end_m[index], self.radius_m, self.hand)
 
 
 def gap_m(trunk: tuple[Box, ...], start_m: Array, end_m: Array) -> Array:

@@ -12,11 +12,12 @@ from itertools import pairwise
 import numpy as np
 
 from crux_planner.model.arrays import Array, Indices
-from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
 from crux_planner.model.workspace import Reach
-from crux_planner.physics.reach import between, body_positions, turned
+from crux_planner.physics.reach import between, body_positions
+from crux_planner.physics.reachable_set import REACH_RESERVE_M
 from crux_planner.physics.speed_limits import speeds
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, StaticEquilibrium
 from crux_planner.search.stances import Oracles
@@ -27,6 +28,7 @@ SPEED_SHARE = 0.95  # of the body's largest speed
 _WAITING = 1e-2  # cost of a further knot against squared lengths [m^2]: above any detour it could save
 _BOUND = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N])  # of (w, n)
 _ANYWHERE_M = 100.0  # beyond any wall
+_LEVEL = np.eye(3)
 _COMFORT = 1e-5  # weight of wrenches against squared lengths [m^2/N^2]: keeps the body where the grippers carry least
 
 
@@ -38,10 +40,10 @@ def smooth_events(oracles: Oracles, moves: list[Move]) -> list[Move]:
     path: list[Indices] = []
     for move in moves:
         for stance in (move.before, move.after):
-            bounds = oracles.reachable.turned(move.yaw_rad).of(stance)
+            bounds = oracles.reachable.of(stance)
             assert bounds is not None
             grippers = equilibrium.mean_place(stance)
-            path.append(_position(qp, equilibrium, bounds, move.support, grippers, rotation_z(move.yaw_rad))[0])
+            path.append(_position(qp, equilibrium, bounds, move.support, grippers, _LEVEL)[0])
     fixed = [problem.start.position_m, problem.goal.body.position_m]
     one, two = np.ones((3, 1)), np.tile([1.0, -1.0], (3, 1))
     qp.squares(path[0][:, None], one, fixed[0], 1.0)
@@ -84,26 +86,18 @@ class BodyPath:
 
 def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedule) -> BodyPath | None:
     """The best quasi-static path over the knots of a schedule, None where there is none."""
-    reserve = min(problem.reach_reserve_m, problem.reach_reserve_m / 2)
-    if schedule.yaw_rad is None:
-        shape, to_h = between(problem, reserve), rotation_z(np.zeros(len(schedule.poses)))
-    else:
-        shape, to_h = turned(problem.boxes, 0.0, reserve), rotation_z(schedule.yaw_rad)
-        to_h[-1] = rotation_from_rpy(problem.goal.body.rpy_rad)
-    grippers = schedule.poses[..., :3] @ to_h  # along the body's axes, knot by knot
-    lows, highs = body_positions(grippers, shape)
+    shape, to_h = between(problem, REACH_RESERVE_M / 2), np.tile(_LEVEL, (len(schedule.poses), 1, 1))
+    lows, highs = body_positions(schedule.poses[..., :3], shape)
     low, high = lows.max(axis=1), highs.min(axis=1)  # (N + 1, m)
     low[:, 2] = np.maximum(low[:, 2], problem.body.height_m[0])
     high[:, 2] = np.minimum(high[:, 2], problem.body.height_m[1])
     if (low > high).any():
         return None
-    tilt_slack = problem.tilt_slack_m * np.abs(shape.directions[:, :2]).sum(axis=1)
-    low, high = low - tilt_slack, high + tilt_slack
     first, last, slack = problem.start.position_m, problem.goal.body.position_m, problem.goal.aim_m
     low[:2, 3:], high[:2, 3:] = -_ANYWHERE_M, _ANYWHERE_M
-    low[:2, :3], high[:2, :3] = first @ to_h[0], first @ to_h[0]  # at rest in knot 0: knot 1 is the same
-    low[-1, :3] = np.maximum(low[-1, :3], last @ to_h[-1] - slack)
-    high[-1, :3] = np.minimum(high[-1, :3], last @ to_h[-1] + slack)
+    low[:2, :3], high[:2, :3] = first, first  # at rest in knot 0: knot 1 is the same
+    low[-1, :3] = np.maximum(low[-1, :3], last - slack)
+    high[-1, :3] = np.minimum(high[-1, :3], last + slack)
     if (low > high).any():
         return None
     return _best_between(problem, equilibrium, schedule, low, high, to_h)

@@ -1,8 +1,7 @@
 """Where the ends of a climb are best: which pose of the goal's to aim at, and where on their holds grippers start.
 
-The tolerances (some 10 mm and 3 degrees, and with them a tilt) move the acceptance boxes by centimetres against the
-wall, so that a goal may be in reach of holds only at one edge of what it allows: a pose is aimed at that leaves every
-limb the most. A scenario names hold and faces of a start grasp; grippers on neighbouring holds may need places off the
+A goal may have holds in reach only at one edge of what its tolerances allow: poses are aimed at that leave every limb
+the most. A scenario names hold and faces of a start grasp; grippers on neighbouring holds may need places off the
 middle so that one of them can leave.
 """
 
@@ -23,32 +22,7 @@ from crux_planner.swing.swing_cache import SwingCache
 
 _SAMPLES = 4000
 _USED_SHARE, _LEFT_SHARE = 0.93, 0.06  # of the tolerances: for the aim, and around it
-_RESERVE_M = 0.0005  # to the boxes' faces
-_NEW = 100.0  # an end not tried counts more than any choice
 _STRAYING = 1.0  # share of a limb's choice that the whole tolerance is worth
-
-
-def aimed(problem: Problem, tried: Sequence[Flags] = ()) -> tuple[Problem, Flags] | None:
-    """The problem with a goal pose that suits the wall, and which contacts (4, C) are in reach there; None if none.
-
-    `tried` are the contacts of poses aimed at before: the new one reaches others, as many as there are.
-    """
-    goal = problem.goal
-    share = _unit_balls(_SAMPLES)  # (n, 2, 3)
-    position = goal.body.position_m + _USED_SHARE * goal.tolerance_m * share[:, 0]
-    position[:, 2] = np.clip(position[:, 2], *problem.body.height_m)
-    rpy = goal.body.rpy_rad + _USED_SHARE * goal.tolerance_rad * share[:, 1]
-    most = _USED_SHARE * problem.boxes.max_tilt_rad
-    rpy[:, :2] = np.clip(rpy[:, :2], -most, most)
-    reached = _reached(problem, position, rpy) & _usable(problem, rpy[:, 2])
-    worth = _worth(problem, reached, share)
-    if tried:
-        new = (reached & ~np.logical_or.reduce(tried)).any(axis=2).sum(axis=1)  # limbs that have another end there
-        worth = np.where(new > 0, worth + _NEW * new, -np.inf)
-    best = int(np.argmax(worth))
-    if not np.isfinite(worth[best]):
-        return None
-    return replace(_aimed_at(problem, position[best], rpy[best]), turns=True), reached[best]
 
 
 def level_aims(problem: Problem, reaches: Sequence[Reach]) -> Iterator[Problem]:
@@ -100,13 +74,6 @@ def _unit_balls(count: int) -> Array:
     points *= (random.random((count, 2)) ** (1 / 6) / np.linalg.norm(points, axis=2))[..., None]
     points[0] = 0.0
     return points
-
-
-def _reached(problem: Problem, position: Array, rpy: Array) -> Flags:
-    """(n, 4, C) whether (9a) holds for each contact at body poses (n, 3), (n, 3)."""
-    centres = np.stack([c.centre_h_m for c in problem.contacts])
-    place = (centres - position[:, None]) @ rotation_from_rpy(rpy)  # (n, C, 3)
-    return np.stack([(problem.boxes.beyond(limb, place) <= -_RESERVE_M).all(axis=2) for limb in range(4)], axis=1)
 
 
 def _usable(problem: Problem, yaw: Array) -> Flags:

@@ -26,6 +26,7 @@ from crux_planner.swing.swing_cache import SwingCache
 GREED = 3.0  # moves to go count so much against those made
 HOP_M = 0.7  # no move is longer, as the estimate of the moves to go sees it
 WAY_SHARE = 0.5  # of a move's cost that its way is, were it so long
+_NEAR_M = 0.4  # of grippers that may be in each other's way
 SAMPLES, LINKS_AT = 7, (1, 2, 3, 4, 5)  # of a swing, and at which of these limbs are looked at against each other
 
 Node = tuple[Stance, int]
@@ -58,6 +59,7 @@ class MapSearch:
         self._places = np.array([c.centre_h_m for c in problem.contacts])
         self._mine = [sorted({*problem.limb_contacts[limb], problem.start_contacts[limb]}) for limb in range(4)]
         away = np.linalg.norm(self._places[:, None] - self._places, axis=2)
+        self._near = away < _NEAR_M
         self._hops = np.maximum(np.ceil(away / HOP_M), 1.0) * ~np.eye(len(away), dtype=bool)
 
     @cached_property
@@ -97,7 +99,7 @@ class MapSearch:
                 return _trace(parent, each)
             for swing in self._swings(each):
                 then = cost + self._cost(swing)
-                rank = then + GREED * self._ahead(swing.after)
+                rank = then + GREED * self.ahead(swing.after)
                 heapq.heappush(queue, (rank, True, next(count), then, swing))  # after nodes that promise as much
         return None
 
@@ -122,11 +124,13 @@ class MapSearch:
             stances = np.column_stack([np.repeat(stances, len(ends[limb]), axis=0), np.tile(ends[limb], len(stances))])
             for other in range(limb):
                 apart = masks.apart_at_goal((other, ends[other]), (limb, ends[limb]))
+                for i, j in np.argwhere(apart & self._near[np.ix_(ends[other], ends[limb])]):
+                    apart[i, j] = self.swings.apart(ends[other][i], ends[limb][j])
                 rows, columns = (np.searchsorted(ends[i], stances[:, i]) for i in (other, limb))
                 stances = stances[apart[rows, columns]]
         return stances
 
-    def _ahead(self, stance: Stance) -> float:
+    def ahead(self, stance: Stance) -> float:
         """Moves that a stance needs to the nearest of the goal's, were they no longer than `HOP_M`."""
         hops = [self._hops[c, self.goals[:, limb]] for limb, c in enumerate(stance)]
         return float(np.sum(hops, axis=0).min())
@@ -138,7 +142,7 @@ class MapSearch:
 
     def _ends(self, node: Node) -> bool:
         stance, part = node
-        if self._ahead(stance) > 0.0:
+        if self.ahead(stance) > 0.0:
             return False
         there = (self._parts(stance) == part) & self.masks.goal
         return bool(there.any()) and self.footing.held_at(stance, stance, there)
@@ -147,7 +151,7 @@ class MapSearch:
         """What may follow a node."""
         (stance, part), found = node, []
         mine = self._parts(stance) == part
-        for limb in range(4):
+        for limb in self.problem.may_move(stance):
             held: Contacts = tuple(c if other != limb else None for other, c in enumerate(stance))
             stands = self.footing.stands(held, self._places[list(stance)].mean(axis=0))
             lift = mine if stands is None else mine & stands

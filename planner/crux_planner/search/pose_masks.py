@@ -5,6 +5,7 @@ body over the knots have in common.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -15,16 +16,19 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem, turned_problem
 from crux_planner.model.schedule import Contacts
+from crux_planner.model.workspace import Reach
 from crux_planner.reach import between, body_grid
 from crux_planner.reach.arm import CLEAR_M, reaches_of
 from crux_planner.reach.body_grid import BodyGrid
 from crux_planner.reach.poses import GripperPoses
+from crux_planner.reach.protocol import Reach as LimbMap
 from crux_planner.reach.solids import Links
 from crux_planner.search.torque_limits import TorqueLimits
 
 _DIRECTIONS = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)  # in which the farthest places in balance are looked for
 _FAR_M, _BEYOND_M = 2.0, 0.3  # off the grippers' middle, and the grid
 _LOOKS, _NEAREST = 16, 6  # at poses of a set for one that motors hold; of these the nearest to the grippers' middle
+_HULL_STEP_M = 0.01
 _TURN_M = 0.3  # of way that a radian of heading counts as
 
 Gripper = tuple[float, float, float, float]
@@ -48,11 +52,15 @@ def grid_about(problem: Problem, step_m: float, step_rad: float, pad_m: float, p
 
 
 class PoseMasks:
-    """Masks of one problem over one grid, each made once; joints keep `margin_rad` off their limits."""
+    """Masks of one problem over one grid, each made once; joints keep `margin_rad` off their limits, links `clear_m`
+    off the trunk and other limbs'.
+    """
 
-    def __init__(self, problem: Problem, robot: Robot, grid: BodyGrid, margin_rad: float) -> None:
-        self.problem, self.grid = problem, grid
-        self.reaches = reaches_of(robot, margin_rad)
+    def __init__(
+        self, problem: Problem, robot: Robot, grid: BodyGrid, margin_rad: float, clear_m: float = CLEAR_M
+    ) -> None:
+        self.problem, self.grid, self.clear_m = problem, grid, clear_m
+        self.reaches = reaches_of(robot, margin_rad, clear_m)
         self._held: dict[tuple[int, Gripper], Flags] = {}
         self._apart: dict[tuple[Gripper | int, ...], tuple[Flags, Flags]] = {}
 
@@ -91,7 +99,7 @@ class PoseMasks:
         where = {limb: np.array(there) for limb, there in enumerate(grippers)}
         unknown = mask & ~known
         if unknown.any():
-            ok |= self.grid.apart(unknown, where, self.reaches, CLEAR_M, moving)
+            ok |= self.grid.apart(unknown, where, self.reaches, self.clear_m, moving, hands=False)
             known |= unknown
         return np.asarray(mask & ok)
 
@@ -104,7 +112,7 @@ class PoseMasks:
             for limb, contacts in (one, two)
         )
         i, j = (index.ravel() for index in np.indices((len(mine), len(theirs))))
-        clear = between.apart(first.where(i), second.where(j), CLEAR_M)
+        clear = between.apart(first.where(i), second.where(j), self.clear_m, hands=False)
         return np.asarray((clear & (mine[i] != theirs[j])).reshape(len(mine), len(theirs)))
 
     def held_at_goal(self, limb: int, contacts: list[int]) -> list[int]:
@@ -150,6 +158,32 @@ def grown(mask: Flags) -> Flags:
             mask[first] |= given[last]
             mask[last] |= given[first]
     return mask
+
+
+def hulls_of(reaches: Sequence[LimbMap], problem: Problem, turn_rad: float) -> Reach:
+    """The convex hulls, with the inner polytope's directions, of where a level body's limbs reach contacts at headings
+    up to a turn: more than the limbs reach, for estimates.
+    """
+    inner, yaws = problem.limb_reach.inner, np.array([c.yaw_rad for c in problem.contacts])
+    low, high = problem.gripper_yaw_rad
+    yaws = np.unique(np.round(yaws[(yaws >= low) & (yaws <= high)], 2))
+    heights = np.array([c.centre_h_m[2] for c in problem.contacts]) - problem.goal.body.position_m[2]
+    middle, extent = inner.middle_m.copy(), inner.extent_m.copy()
+    plan = np.abs(inner.directions[:, 2]) < 0.5
+    for i, reach in enumerate(reaches):
+        limb = reach.limb
+        span = limb.upper_link_m + limb.lower_link_m
+        x, y = (limb.shoulder_b_m[axis] + np.arange(-span, span, _HULL_STEP_M) for axis in (0, 1))
+        east, north, up, yaw = np.ix_(x, y, np.unique(np.round(heights, 2)), yaws)
+        reached = []
+        for turn in sorted({-turn_rad, 0.0, turn_rad}):
+            ok = reach.reaches(GripperPoses(east, north, up, yaw - turn, np.zeros(1), np.zeros(1))).any(axis=(2, 3))
+            places = np.argwhere(ok) * _HULL_STEP_M + [x[0], y[0]]
+            reached.append(places @ rotation_z(turn)[:2, :2].T @ inner.directions[plan, :2].T)
+        along = np.vstack(reached)
+        least, most = along.min(axis=0), along.max(axis=0)
+        middle[i, plan], extent[i, plan] = (least + most) / 2, (most - least) / 2
+    return replace(inner, middle_m=middle, extent_m=extent)
 
 
 class Footing:

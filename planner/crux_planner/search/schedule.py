@@ -17,21 +17,18 @@ LONGEST_STANCE = 4  # knots between moves that spare time fills before it slows 
 def least_durations(problem: Problem, swings: SwingCache, moves: list[Move], body_step_m: float) -> tuple[Array, Array]:
     """Least knots of the stance before each move, and after the last (n + 1,), and of each move (n,)."""
     stances, swing_knots = [], []
-    turn = TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s
-    body, yaw, margin = problem.start.position_m, 0.0, 1  # the body rests in the first interval
+    body, margin = problem.start.position_m, 1  # the body rests in the first interval
 
     def step(held: Contacts) -> float:
         return min(body_step_m, SLOW_STEP_SHARE * problem.speed_limits.get(held, np.inf) * problem.dt_s)
 
     for move in moves:
-        turned = _knots(np.array([move.yaw_rad - yaw]), turn)
-        stances.append(max(1, margin + max(turned, _knots(move.lift_off - body, step(move.before)))))
+        stances.append(max(1, margin + _knots(move.lift_off - body, step(move.before))))
         swing = max(swings.intervals(move.before[limb], move.after[limb]) for limb in move.limbs)
         swing_knots.append(max(swing, _knots(move.touch_down - move.lift_off, step(move.held))))
-        body, yaw, margin = move.touch_down, move.yaw_rad, 0
-    turned = _knots(problem.goal.body.rpy_rad[2:] - yaw, turn) if problem.turns else 0
+        body, margin = move.touch_down, 0
     last = step(moves[-1].after if moves else problem.start_contacts)
-    stances.append(max(2, margin + 1 + max(turned, _knots(problem.goal.body.position_m - body, last))))
+    stances.append(max(2, margin + 1 + _knots(problem.goal.body.position_m - body, last)))
     return np.array(stances), np.array(swing_knots, dtype=int)
 
 
@@ -62,21 +59,7 @@ def at_knots(problem: Problem, swings: SwingCache, moves: list[Move], stances: A
         lift = k + int(stance)
         k = lift + int(knots)
         airborne += [Swinging(limb, lift, k, move.before[limb], move.after[limb]) for limb in move.limbs]
-    return Schedule(moves, *grippers_at_knots(problem, swings, airborne), _yaws(problem, moves, stances, swing_knots))
-
-
-def _yaws(problem: Problem, moves: list[Move], stances: Array, swing_knots: Array) -> Array | None:
-    """The body's heading at the knots: it turns while all limbs hold on, evenly, and rests in the first interval."""
-    if not problem.turns:
-        return None
-    knots, yaws, k = [0, 1], [0.0, 0.0], 0
-    for move, stance, swing in zip(moves, stances, swing_knots, strict=False):
-        knots += [max(k + int(stance), 1), k + int(stance) + int(swing)]
-        yaws += [move.yaw_rad] * 2
-        k = knots[-1]
-    knots.append(max(problem.steps - 1, knots[-1]))
-    yaws.append(float(problem.goal.body.rpy_rad[2]))
-    return np.interp(np.arange(problem.steps + 1), knots, yaws)
+    return Schedule(moves, *grippers_at_knots(problem, swings, airborne))
 
 
 def _knots(way: Array, step_m: float) -> int:

@@ -63,7 +63,8 @@ class TorqueLimits(StaticEquilibrium):
 
     def hold(self, held: Contacts, place: Array, grippers: tuple[int, ...]) -> bool:
         """Whether limbs on these contacts, None in the air, hold a level body at a place; each limb is known."""
-        limbs = sorted((c, limb) for limb, c in enumerate(held) if c is not None)
+        bears = [c is not None and self.problem.contacts[c].bears for c in held]
+        limbs = sorted((c, limb) for limb, c in enumerate(held) if c is not None and bears[limb])
         support, on = tuple(c for c, _ in limbs), tuple(limb for _, limb in limbs)
         query = Query(support, place, place, place, grippers)
         if super()._find(query) is None:

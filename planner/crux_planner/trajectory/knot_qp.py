@@ -53,7 +53,7 @@ class KnotSolution:
 
     def start(self) -> Start:
         """Where the exact program starts: these wrenches, and a body that turns evenly."""
-        return start_from_positions(self.problem, self.body[:, :3], self.wrenches, self.schedule.yaw_rad)
+        return start_from_positions(self.problem, self.body[:, :3], self.wrenches)
 
 
 def solve_knots(

@@ -19,7 +19,7 @@ from crux_planner.reach import solids
 from crux_planner.reach.between import gap_m, way_between
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.protocol import Reach
-from crux_planner.reach.solids import HAND, Links
+from crux_planner.reach.solids import Links
 
 OFF_M = 0.0045  # of links: half as much again as the check asks for
 _NEAR_TRUNK_M, _NEAR_LIMB_M = 0.15, 0.1  # links farther off need no plane
@@ -108,7 +108,7 @@ def farthest_clear(reaches: tuple[Reach, ...], path: Array, body: Array, hands: 
         poses = path + share * (body - path)
         seen = _seen(poses, hands)
         links = [reach.links(each) for reach, each in zip(reaches, seen, strict=True)]
-        gaps = [gap_m(a, b) for a, b in combinations(links, 2)]
+        gaps = [gap_m(a, b, hands=False) for a, b in combinations(links, 2)]
         gaps += [_off_trunk_m(reach, each) for reach, each in zip(reaches, links, strict=True)]
         clear = np.min(gaps, axis=0) >= apart_m
         found[clear] = poses[clear]
@@ -169,8 +169,7 @@ def _off_each_other(ends: Ends, pair: tuple[int, int], links: list[Links], apart
     off = np.linalg.norm(way, axis=-1)
     thick = first.radius_m[:, None] + second.radius_m
     near: Flags = (off > _LEAST_WAY_M) & (off - thick < _NEAR_LIMB_M)
-    hands = [[c.frame == HAND for c in (*r.keep_off.links, *r.keep_off.first)] for r in (ends.reaches[i] for i in pair)]
-    near &= ~np.logical_and.outer(*hands)  # no body pose changes how far these are from each other
+    near &= ~np.logical_and.outer(first.hand, second.hand)  # no body pose changes how far these are from each other
     rows: list[_Row] = []
     for i, j in np.argwhere(near.any(axis=0)).tolist():
         normal = way[:, i, j] / np.maximum(off[:, i, j], _LEAST_WAY_M)[:, None]

@@ -69,7 +69,7 @@ def start_from_path(problem: Problem, path: BodyPath, yaw_rad: Array | None = No
 
 
 def start_from_positions(
-    problem: Problem, positions: Array, wrenches: list[dict[int, Array]], yaw_rad: Array | None
+    problem: Problem, positions: Array, wrenches: list[dict[int, Array]], yaw_rad: Array | None = None
 ) -> Start:
     """A body at `positions` (N + 1, 3) that turns evenly, or with the heading as given; velocities from the steps."""
     n = problem.steps

@@ -7,9 +7,10 @@ functions serves every plan of a problem.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -67,12 +68,15 @@ class StageFunctions:
         """Lower and upper bounds (N, m) of the rows of `reach` at knots 1..N."""
         return reach_bounds(problem, schedule)
 
-    def started_elsewhere(self, problem: Problem) -> StageFunctions:
+    def started_elsewhere(self, problem: Problem) -> Self:
         """The functions of a problem that differs in its start alone: of all equations only (8b)'s inertia does."""
-        other = StageFunctions(problem)
-        for name, made in vars(StageFunctions).items():
-            if isinstance(made, cached_property) and name != "_step":
-                other.__dict__[name] = getattr(self, name)  # made once, here
+        for kind in type(self).__mro__:
+            for name, made in vars(kind).items():
+                if isinstance(made, cached_property) and name != "_step":
+                    getattr(self, name)  # made once, here
+        other = copy(self)
+        other.__dict__["problem"] = problem
+        other.__dict__.pop("_step", None)
         return other
 
     @cached_property

@@ -52,7 +52,6 @@ def without_waiting(problem: Problem, schedule: Schedule, start: Start, pace: fl
         schedule,
         contacts=[schedule.contacts[k] for k in kept],
         poses=schedule.poses[kept],
-        yaw_rad=None if schedule.yaw_rad is None else schedule.yaw_rad[kept],
     )
     wrenches = [start.wrenches[k] for k in kept[:-1]]
     begun = replace(start, body=states_at(kept, start.body, problem.dt_s), wrenches=wrenches, near=True)

@@ -13,7 +13,8 @@ from crux_planner.checker import CheckReport, Violation
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES
-from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD, _answered
+from crux_planner.pipeline.by_joints import _answered
+from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD
 from crux_planner.reach.arm import reaches_of
 from crux_planner.search.ends import level_aims
 from crux_planner.search.map_search import MapSearch

@@ -9,7 +9,7 @@ import pytest
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import ScenarioError
 from crux_planner.errors import InfeasibleError
-from crux_planner.pipeline import fallback
+from crux_planner.pipeline import by_map
 from shared_plans import unproven
 from walls import blocked, hold, one_move, scenario, two_rows
 
@@ -79,7 +79,7 @@ LONG = {"gap"}  # certificates/test_proof.py proves the same gap
 def test_what_cannot_be_done_says_why_and_where(
     robot: Robot, case: tuple[Change, str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fallback, "looks", lambda _: LOOKS)
+    monkeypatch.setattr(by_map, "LOOKS", LOOKS)
     change, constraint, message = case
     wall = two_rows()
     change(wall)
@@ -94,7 +94,7 @@ def test_weak_motors_are_named_with_the_torque_that_would_do(
     weak_robot: Callable[[Callable[[str, float], float]], Robot], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With the factor there is a plan, which the check passes for that robot."""
-    monkeypatch.setattr(fallback, "looks", lambda _: LOOKS)
+    monkeypatch.setattr(by_map, "LOOKS", LOOKS)
     steep = scenario(one_move(slope_deg=70.0))
     motor = r"motor torque a plan is found; without, .* goes to .*: \w\w_joint\d would need [\d.]+ N m, it has [36]"
     with pytest.raises(InfeasibleError, match=motor) as error:
@@ -110,7 +110,7 @@ def test_weak_motors_are_named_with_the_torque_that_would_do(
 @pytest.mark.sweep
 def test_a_slab_in_the_way_is_named_with_the_size_that_lets_pass(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """At that size there is a plan."""
-    monkeypatch.setattr(fallback, "looks", lambda _: LOOKS)
+    monkeypatch.setattr(by_map, "LOOKS", LOOKS)
     with pytest.raises(
         InfeasibleError, match=r"with slab at \d+ % .* without, it ends where LF goes to LF-high"
     ) as error:

@@ -7,14 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import crux_planner
-import numpy as np
 import pytest
 from crux_contracts.robot import Robot
 from crux_planner.errors import HorizonError, InfeasibleError
-from crux_planner.model.build import build_problem
-from crux_planner.physics.reachable_set import ReachableSet
-from crux_planner.pipeline import climb
-from crux_planner.search.ends import aimed
 from shared_plans import unproven
 from walls import hold, one_move, scenario, two_rows
 
@@ -49,18 +44,6 @@ def test_the_body_turns_to_the_goals_heading(robot: Robot, proven: bool) -> None
         assert 0.0 < result.gap < 0.6
 
 
-def test_a_search_that_chooses_headings_sees_the_whole_boxes_at_the_start(robot: Robot) -> None:
-    found = aimed(build_problem(scenario(turned_goal(20.0)), robot))
-    assert found is not None
-    problem, _ = found
-    slack = ReachableSet(problem).of(problem.start_contacts)
-    assert slack is not None
-    grips = np.stack([problem.contacts[c].centre_h_m for c in problem.start_contacts])
-    for edge in slack:  # a level body at either corner, by (9a) itself
-        beyond = np.abs(grips - edge - problem.boxes.centre_b_m) - problem.boxes.half_m
-        assert beyond[:, :2].max() == pytest.approx(-problem.reach_reserve_m, abs=1e-9)
-
-
 def hold_beyond_reach(steps: int) -> dict[str, Any]:
     """LF's goal hold is in reach near its end only."""
     wall = two_rows(steps=steps)
@@ -85,9 +68,7 @@ def test_a_horizon_too_short_for_what_only_the_wider_search_finds_is_named(
 
 
 @pytest.mark.sweep
-def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beyond the convex reach: the map, which has it in reach, is left out."""
-    monkeypatch.setattr(climb, "plan_by_map", lambda _: None)
+def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:
     result = unproven(scenario(hold_beyond_reach(40)), robot)
     assert result.check.ok
     aside = 0.447 - result.plan.knots[-1].limbs[0].gripper_position_w_m[1]
