@@ -223,12 +223,6 @@ def _move_cost(swings: SwingCache, moves: list[tuple[int, int]]) -> float:
     return max(swings.intervals(a, b) for a, b in moves) + STANCE_KNOTS + MOVE_COST * len(moves)
 
 
-def ends_at(oracles: Oracles, stance: Stance) -> bool:
-    """Whether a climb may end on a stance."""
-    ends = goal_contacts(oracles.problem, oracles.reachable)
-    return all(c in among for c, among in zip(stance, ends, strict=True)) and _ends_well(oracles, stance)
-
-
 def _ends_well(oracles: Oracles, stance: Stance) -> bool:
     """Whether the goal's body pose is in reach and in balance on a stance."""
     problem, bounds = oracles.problem, oracles.reachable.of(stance)
