@@ -141,7 +141,7 @@ void ControlCore::watch(const crux_msgs::control_input_t& in) noexcept {
   }
   if (!started_) balance_.restart();
   balance_.update(felt_W, grippers_W_m, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2, dt_s);
-  grips_.watch(view(), dt_s);
+  grips_.watch(view(), started_ && supervisor_.state() == SupervisorState::kClimbing, dt_s);
 }
 
 void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
@@ -249,7 +249,7 @@ void ControlCore::engage() noexcept {
 }
 
 void ControlCore::refer(const crux_msgs::control_input_t& in) noexcept {
-  if (supervisor_.state() == SupervisorState::kClimbing && grips_.slipping_limb() < 0) advance_clock(in.dt_s);
+  if (supervisor_.state() == SupervisorState::kClimbing && grips_.moving_limb() < 0) advance_clock(in.dt_s);
   if (supervisor_.state() == SupervisorState::kHolding)
     grips_.find_hold_again(view(), clock_, limbs_, in.operator_command == crux_msgs::command_t::HOLD, in.dt_s);
   reference_ = play(*plan_, clock_.now());

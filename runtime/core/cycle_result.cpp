@@ -73,11 +73,12 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   write_modes(in, out);
   write_reference(out);
 
-  const int slipping = grips_.slipping_limb();
+  const int slipping = grips_.slipping_limb(), moving = grips_.moving_limb();
   const bool climbing = supervisor_.state() == SupervisorState::kClimbing;
   const WaitingFor waiting_for = rise_.rises()   ? WaitingFor::kStandUp
                                  : !climbing     ? WaitingFor::kNothing
                                  : slipping >= 0 ? WaitingFor::kSlip
+                                 : moving >= 0   ? WaitingFor::kDrift
                                  : started_      ? clock_.waiting_for()
                                                  : WaitingFor::kSettle;
   crux_msgs::robot_state_t& state = out.state;
@@ -88,10 +89,10 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   state.motion = static_cast<std::int8_t>(grips_.returns() ? to_hold : supervisor_.motion());
   state.plan_complete = plan_ && clock_.complete(*plan_) ? 1 : 0;
   state.waiting_for = static_cast<std::int8_t>(waiting_for);
-  state.waiting_limb = static_cast<std::int8_t>(!climbing       ? -1
-                                                : slipping >= 0 ? slipping
-                                                : started_      ? clock_.waiting_limb()
-                                                                : settling_limb_);
+  state.waiting_limb = static_cast<std::int8_t>(!climbing     ? -1
+                                                : moving >= 0 ? moving
+                                                : started_    ? clock_.waiting_limb()
+                                                              : settling_limb_);
   state.fault_code = static_cast<std::int16_t>(supervisor_.fault().code);
   state.missed_cycles = faults_.missed_cycles();
   state.plan_time_s = plan_ ? clock_.now().seconds(*plan_) : 0.0;

@@ -20,6 +20,7 @@ constexpr double kBarely = 0.1;         // used less than that no grip slips tha
 constexpr int kBlockCycles = 50;        // in which what is used is no past yet
 constexpr double kWitnessed_s = 0.004;  // longer than a reading that is wrong once
 constexpr double kStill_m = 0.0003;     // moves less than that: it stands
+constexpr double kGivenOff = 0.05;      // share of its load that is left to a gripper whose hold gives way
 constexpr double kUnload_s = 0.1, kReload_s = 0.5;
 
 }  // namespace
@@ -74,7 +75,8 @@ void SlipWatch::update(int limb, const StanceFit& stance, bool holds, double use
     slips_ = still_s_ < parameters_.still_time_s || window >= 0;
     out_of_hand_ = out_of_hand_ || slid_m_ > parameters_.max_slip_m;
   }
-  const double wanted = slips_ || out_of_hand_ ? parameters_.relief_load : 1.0;
+  const double slipping = slips_ || out_of_hand_ ? parameters_.relief_load : 1.0;
+  const double wanted = std::exchange(gives_off_, false) ? kGivenOff : slipping;
   relief_ = std::clamp(wanted, relief_ - dt_s / kUnload_s, relief_ + dt_s / kReload_s);
 }
 

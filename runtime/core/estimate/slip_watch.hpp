@@ -17,6 +17,9 @@ class SlipWatch {
   /// counts.
   void update(int limb, const StanceFit& stance, bool holds, double used, double dt_s) noexcept;
 
+  /// It is to bear next to nothing, as long as this is said in every cycle before update().
+  void give_off_load() noexcept { gives_off_ = true; }
+
   /// Squeeze with all there is, until the gripper opens.
   bool squeezes() const { return squeezes_; }
   bool slips() const { return slips_; }
@@ -36,7 +39,7 @@ class SlipWatch {
   int window_of_motion(int limb, const StanceFit& stance, bool witnessed) const noexcept;
 
   StanceParameters parameters_;
-  bool squeezes_ = false, slips_ = false, out_of_hand_ = false;
+  bool squeezes_ = false, slips_ = false, out_of_hand_ = false, gives_off_ = false;
   double most_used_ = 0.0, lately_used_ = 0.0;  ///< since contact without, and with, the last moments
   double block_used_ = 0.0;
   double slipped_at_ = 0.0;

@@ -169,27 +169,32 @@ Misfit StanceFit::beyond_play(const Standing& limb, const Misfit& off, int cycle
   return {row.head<3>(), row.tail<3>()};
 }
 
+int StanceFit::odd_one(const PerLimb<Word>& words, Fit& fit) const noexcept {
+  int odd = -1, counted = 0;
+  fit.rest = std::numeric_limits<double>::infinity();
+  for (const Word& word : words) counted += word.counts;
+  for (int l = 0; l < kLimbs && counted >= kLeastHolds; ++l) {
+    if (!words[l].counts) continue;
+    const Fit without = fit_without(l, words);
+    if (without.rest >= fit.rest) continue;
+    fit = without;
+    odd = l;
+  }
+  return odd;
+}
+
 void StanceFit::look_back(int window, double dt_s) noexcept {
   const int cycles = kCycles[window];
   const int then = (now_ + kPast - cycles) % kPast;
   PerLimb<Word> words;
-  int counted = 0;
   for (int l = 0; l < kLimbs; ++l) {
     const Standing& limb = limbs_[l];
-    if (!limb.holds || limb.cycles <= cycles) continue;
-    ++counted;
-    words[l] = word(limb, limb.path - limb.past[then], information(limb, cycles));
+    if (limb.holds && limb.cycles > cycles)
+      words[l] = word(limb, limb.path - limb.past[then], information(limb, cycles));
   }
-  if (counted < kLeastHolds) return;
   Moved& moved = moved_[window];
-  Fit best{.rest = std::numeric_limits<double>::infinity()};
-  for (int l = 0; l < kLimbs; ++l) {
-    if (!words[l].counts) continue;
-    const Fit fit = fit_without(l, words);
-    if (fit.rest >= best.rest) continue;
-    best = fit;
-    moved.limb = l;
-  }
+  Fit best;
+  moved.limb = odd_one(words, best);
   if (moved.limb < 0) return;
   const Misfit misfit = in_gripper(limbs_[moved.limb], best.left);
   const Misfit slid = beyond_play(limbs_[moved.limb], misfit, cycles);
@@ -211,7 +216,12 @@ void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {
   if (!begun_) play_m_ = parameters_.slip_m;  // not known yet
   since_contact_.fill({});
   moved_.fill({});
-  if (!lay_body(limbs)) return;
+  if (!lay_body(limbs)) {
+    drifts_.fill({});
+    forget_drift();
+    looked_ = -1;
+    return;
+  }
   begun_ = true;
   PerLimb<Word> words;
   int counted = 0;
@@ -224,6 +234,11 @@ void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {
     if (words[l].counts) since_contact_[l] = in_gripper(limbs_[l], fit_without(l, words).left);
   }
   for (int window = 0; window < kWindows; ++window) look_back(window, dt_s);
+  cycles_ = (cycles_ + 1) % kSampled;
+  if (cycles_ == 0) remember(limbs);
+  // One of them a cycle.
+  looked_ = cycles_ < kDrifts ? cycles_ : -1;
+  if (looked_ >= 0) look_far_back(looked_);
 }
 
 }  // namespace crux

@@ -20,6 +20,7 @@ struct Misfit {
 struct FittedLimb {
   const LimbState* state = nullptr;
   JointVector torque_Nm = JointVector::Zero();  ///< measured
+  Vector3 force_B_N = Vector3::Zero();          ///< on the gripper
   bool holds = false;                           ///< the gripper is closed on its hold
 };
 
@@ -61,19 +62,43 @@ class StanceFit {
     Eigen::Vector2d way_m = Eigen::Vector2d::Zero();  ///< along its faces, beyond what play explains
   };
   const Moved& moved(int window) const { return moved_[window]; }
+
+  /// What moved slowly, looked at every kSampled cycles over so many samples (at 500 Hz: 1, 3 and 8 s).
+  static constexpr int kDrifts = 3, kSampled = 25, kQuarters = 4;
+  static constexpr std::array<int, kDrifts> kSamples = {20, 60, 160};
+  struct Drift {
+    int limb = -1;        ///< the odd one; -1: fewer than three held all the time
+    bool steady = false;  ///< the others fit much better, and it moved on in each quarter of the time: that is no play
+    Vector3 shift_G_m = Vector3::Zero();
+    int joint = -1;          ///< whose encoder explains it better than a hold that gives way; -1: none
+    double joint_rad = 0.0;  ///< what that encoder has drifted
+    double travel_m = 0.0;   ///< of the grippers against the body meanwhile: what was homed wrongly shows by it
+    double load_N = 0.0;     ///< by which the forces on the grippers changed meanwhile: what is soft shows by it
+  };
+  const Drift& drift(int window) const { return drifts_[window]; }
+  /// The window that was looked at in this cycle; -1: none.
+  int looked() const { return looked_; }
+  /// What moved slowly up to now counts no longer.
+  void forget_drift() noexcept { far_known_ = 0; }
   /// How far play has made grippers seem to move, lately.
   double play_m() const { return play_m_; }
 
  private:
   using Row = Vector6;  ///< shift and turn of a gripper, axes of the stance's frame
   static constexpr int kPast = kCycles.back() + 1;
+  static constexpr int kFarPast = kSamples.back() + 1;
+  struct Sample {
+    Row path = Row::Zero();
+    Vector3 gripper_B_m = Vector3::Zero(), force_B_N = Vector3::Zero();
+  };
   struct Standing {
     bool holds = false;
-    int cycles = 0;                      ///< since contact
-    Pose anchor_S;                       ///< of the gripper at contact
-    Row off = Row::Zero();               ///< from the anchor, with the body where all limbs fit best
-    Row path = Row::Zero();              ///< the same without the jumps of other limbs that grip or release
-    std::array<Row, kPast> past{};       ///< of `path`
+    int cycles = 0;                 ///< since contact
+    Pose anchor_S;                  ///< of the gripper at contact
+    Row off = Row::Zero();          ///< from the anchor, with the body where all limbs fit best
+    Row path = Row::Zero();         ///< the same without the jumps of other limbs that grip or release
+    std::array<Row, kPast> past{};  ///< of `path`
+    std::array<Sample, kFarPast> far_past{};
     Matrix6 map = Matrix6::Identity();   ///< motion of the body to motion of the gripper
     Matrix6 joints_G = Matrix6::Zero();  ///< motion of joints to motion of the gripper, its own axes
     Matrix3 rotation_GS = Matrix3::Identity();
@@ -99,17 +124,29 @@ class StanceFit {
   Matrix6 information(const Standing& limb, int cycles) const noexcept;
   Word word(const Standing& limb, const Row& off, const Matrix6& information) const noexcept;
   Fit fit_without(int limb, const PerLimb<Word>& words) const noexcept;
+  /// The limb without which the others fit best; -1: fewer than three count.
+  int odd_one(const PerLimb<Word>& words, Fit& fit) const noexcept;
   Misfit in_gripper(const Standing& limb, const Row& off) const noexcept;
   Misfit beyond_play(const Standing& limb, const Misfit& off, int cycles) const noexcept;
   void look_back(int window, double dt_s) noexcept;
+  void remember(const PerLimb<FittedLimb>& limbs) noexcept;
+  void look_far_back(int window) noexcept;
+  /// The same from `older` to `newer` samples ago.
+  PerLimb<Word> far_words(int older, int newer, const PerLimb<bool>& counted) const noexcept;
+  bool moved_on(int limb, int window, const Row& left, const PerLimb<bool>& counted) const noexcept;
+  void explain(const Standing& limb, const Misfit& off, Drift& drift) const noexcept;
 
   StanceParameters parameters_;
   Pose body_S_;  ///< S: the frame in which the grips stand still
   PerLimb<Standing> limbs_;
   PerLimb<Misfit> since_contact_;
   std::array<Moved, kWindows> moved_;
+  std::array<Drift, kDrifts> drifts_;
   double play_m_ = 0.0;
-  int now_ = 0;  ///< in `past`
+  int now_ = 0;                   ///< in `past`
+  int far_now_ = 0, cycles_ = 0;  ///< in `far_past`, and since then
+  int far_known_ = 0;             ///< samples that count
+  int looked_ = -1;
   bool begun_ = false;
 };
 

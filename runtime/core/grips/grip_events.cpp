@@ -111,7 +111,8 @@ void Grips::search_hold(const CycleView& now, PlanClock& clock, LimbController& 
 
 void Grips::find_hold_again(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, bool hold,
                             double dt_s) noexcept {
-  if (return_ == Return::kOver || now.plan->point_feet || !now.health.any_hold_lost()) return;
+  if (return_ == Return::kOver || now.plan->point_feet) return;
+  if (!now.health.any_hold_lost() && !now.health.any_gives_way()) return;
   // A gripper that comes down on its hold, closes or presses on it already goes on, and its limb takes up load.
   bool in_air = false, comes = false;
   for (int l = 0; l < kLimbs; ++l) {

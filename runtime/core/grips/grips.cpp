@@ -21,7 +21,8 @@ Contact contact(const CycleView& now, int limb, const LimbReference& reference) 
 Grips::Grips(const StanceParameters& parameters)
     : parameters_(parameters),
       stance_(parameters),
-      slips_{SlipWatch(parameters), SlipWatch(parameters), SlipWatch(parameters), SlipWatch(parameters)} {}
+      slips_{SlipWatch(parameters), SlipWatch(parameters), SlipWatch(parameters), SlipWatch(parameters)},
+      drift_(parameters) {}
 
 void Grips::begin_plan() noexcept {
   pull_.reset();
@@ -35,9 +36,11 @@ void Grips::forgive() noexcept {
   retry_.reset();
   return_ = Return::kNone;
   for (SlipWatch& slip : slips_) slip = SlipWatch(parameters_);
+  drift_ = DriftWatch(parameters_);
+  stance_.forget_drift();
 }
 
-void Grips::watch(const CycleView& now, double dt_s) noexcept {
+void Grips::watch(const CycleView& now, bool climbs, double dt_s) noexcept {
   PerLimb<FittedLimb> fitted;
   unsigned holding = 0;  // a bit a limb
   for (int l = 0; l < kLimbs; ++l) {
@@ -48,7 +51,8 @@ void Grips::watch(const CycleView& now, double dt_s) noexcept {
     const bool grips = reference.gripping() && limb.in_contact() && (now.started || presses);
     const bool seen = !now.health.hold_lost[l] && !limb.blind();
     const bool holds = now.engaged && !reference.point_foot && (grips || pull_.begun(l)) && seen;
-    fitted[l] = {&limb.state(), limb.torque_Nm(), holds};
+    const Vector3 force_B_N = now.body_W.rotation.transpose() * limb.wrench_W().force_N;
+    fitted[l] = {&limb.state(), limb.torque_Nm(), force_B_N, holds};
     if (holds) holding |= 1U << static_cast<unsigned>(l);
   }
   stance_.update(fitted, dt_s);
@@ -57,12 +61,17 @@ void Grips::watch(const CycleView& now, double dt_s) noexcept {
     const LimbController& limb = now.limbs[l];
     const double used = limit_surface_utilisation(limb.wrench_W(), reference.finger_axis_W(),
                                                   contact(now, l, reference), limb.fingers().force_N());
+    if (now.health.gives_way[l]) slips_[l].give_off_load();
     // While control takes over, the fingers' force and the load change too quickly to be set against each other.
     slips_[l].update(l, stance_, fitted[l].holds && reference.gripping(), now.started ? used : 0.0, dt_s);
     const Matrix3 rotation_GW = (now.body_W.rotation * limb.state().gripper_B.rotation).transpose();
     compliances_[l].update(fitted[l].holds ? holding : 0, rotation_GW * limb.wrench_W().force_N,
                            stance_.since_contact(l).shift_G_m, dt_s);
   }
+  const bool grips_alone = slipping_limb() < 0 && pull_.limb() < 0 && !now.health.any_hold_lost();
+  PerLimb<double> compliance_m_N;
+  for (int l = 0; l < kLimbs; ++l) compliance_m_N[l] = this->compliance_m_N(l);
+  drift_.update(stance_, compliance_m_N, grips_alone, climbs, dt_s);
 }
 
 int Grips::slipping_limb() const noexcept {
@@ -72,16 +81,25 @@ int Grips::slipping_limb() const noexcept {
   return -1;
 }
 
+int Grips::moving_limb() const noexcept {
+  const int slipping = slipping_limb();
+  return slipping >= 0 ? slipping : drift_.suspected();
+}
+
 double Grips::relief(const CycleView& now, int limb) const noexcept {
   int others = 0;
   for (int l = 0; l < kLimbs; ++l) others += l != limb && now.reference.limbs[l].gripping() && !now.health.hold_lost[l];
-  return others < kLeastOthers ? 1.0 : slips_[limb].relief();
+  if (others < kLeastOthers) return 1.0;
+  // Two others alone hardly bear all.
+  const double least = others > kLeastOthers ? 0.0 : parameters_.relief_load;
+  return std::max(slips_[limb].relief(), least);
 }
 
 double Grips::load(const CycleView& now, int limb, const LimbReference& reference) const noexcept {
   if (now.health.hold_lost[limb]) return 0.0;
-  // With a hold gone each grip is needed whole, also one that takes load up just now, or gives it off.
-  return (now.health.any_hold_lost() && reference.gripping() ? 1.0 : reference.load) * relief(now, limb);
+  // With a hold gone, or giving way, each grip is needed whole, also one that takes load up just now, or gives it off.
+  const bool needed = now.health.any_hold_lost() || now.health.any_gives_way();
+  return (needed && reference.gripping() ? 1.0 : reference.load) * relief(now, limb);
 }
 
 PerLimb<Bearer> Grips::bearers(const CycleView& now, const PlanReference& reference) const noexcept {

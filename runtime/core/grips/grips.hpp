@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "core/estimate/compliance_estimator.hpp"
+#include "core/estimate/drift_watch.hpp"
 #include "core/estimate/slip_watch.hpp"
 #include "core/estimate/stance_fit.hpp"
 #include "core/grips/cycle_view.hpp"
@@ -30,7 +31,8 @@ class Grips {
   void forgive() noexcept;
 
   /// Once a cycle, with a plan: compares the grips with each other.
-  void watch(const CycleView& now, double dt_s) noexcept;
+  /// `climbs`: the plan's clock runs, and may wait.
+  void watch(const CycleView& now, bool climbs, double dt_s) noexcept;
 
   /// Keeps the fingers open of a limb that is to grip beside its first place.
   void hold_open(PlanReference& reference) noexcept { retry_.apply(reference); }
@@ -44,8 +46,9 @@ class Grips {
   void judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, PerLimb<LimbEvents>& events,
              double dt_s) noexcept;
 
-  /// In HOLDING, with a hold lost: runs the clock back, once, until a limb in the air grips. Where that limb comes down
-  /// already, or its fingers close, the clock runs forward until it bears. `hold`: the operator commands HOLD.
+  /// In HOLDING, with a hold lost or giving way: runs the clock back, once, until a limb in the air grips. Where that
+  /// limb comes down already, or its fingers close, the clock runs forward until it bears. `hold`: the operator
+  /// commands HOLD.
   void find_hold_again(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, bool hold,
                        double dt_s) noexcept;
 
@@ -56,6 +59,9 @@ class Grips {
   /// A limb in the air is on its way back to a hold after another has lost its own.
   bool returns() const { return return_ == Return::kOnItsWay; }
   int slipping_limb() const noexcept;  ///< the first; -1: none
+  /// The one that slips or seems to creep, for which the plan's clock waits; -1: none.
+  int moving_limb() const noexcept;
+  const DriftWatch::Told& drift() const { return drift_.told(); }
   /// The limb is neither pulled nor opening for another try.
   bool rests(int limb) const noexcept { return pull_.limb() != limb && retry_.limb() != limb; }
 
@@ -82,6 +88,7 @@ class Grips {
   StanceParameters parameters_;
   StanceFit stance_;
   PerLimb<SlipWatch> slips_;
+  DriftWatch drift_;
   PerLimb<ComplianceEstimator> compliances_;
   GraspPull pull_;
   GraspRetry retry_;

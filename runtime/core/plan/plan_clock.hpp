@@ -16,7 +16,8 @@ enum class WaitingFor : int {
   kGrip = 4,
   kSettle = 5,
   kSlip = 6,
-  kStandUp = 7
+  kStandUp = 7,
+  kDrift = 8
 };
 
 /// Which way the clock runs, and how far.

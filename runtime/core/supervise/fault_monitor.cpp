@@ -307,6 +307,12 @@ void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList&
   if (lasts(errors.body_error_m > p.max_body_error_m, body_error_time_s_, dt_s, p.persistence_s)) {
     tell({FaultCode::kBodyError, -1, 0, errors.body_error_m, p.max_body_error_m});
   }
+  if (const DriftWatch::Told& drift = errors.drift; drift.limb >= 0) {
+    health_.gives_way[drift.limb] = true;
+    const int node = drift.joint < 0 ? can_.nodes.gripper : can_.nodes.joints[drift.joint];
+    tell({drift.joint < 0 ? FaultCode::kHoldCreeps : FaultCode::kEncoderDrifts, drift.limb, node, drift.moved,
+          drift.within_s});
+  }
   for (int l = 0; l < kLimbs; ++l) {
     if (lasts(errors.tracking_error_rad[l] > p.max_tracking_error_rad, tracking_error_time_s_[l], dt_s,
               p.persistence_s)) {

@@ -4,6 +4,7 @@
 #include <array>
 #include <crux_msgs/control_input_t.hpp>
 
+#include "core/estimate/drift_watch.hpp"
 #include "core/estimate/limb_health.hpp"
 #include "core/robot/fault_list.hpp"
 #include "core/robot/geometry.hpp"
@@ -31,6 +32,7 @@ struct LoopErrors {
   PerLimb<double> least_force_N{};      ///< with less than this force
   PerLimb<double> finger_residual_N{};  ///< finger force that opening and command do not explain
   PerLimb<double> slid_m{};             ///< in a slip
+  DriftWatch::Told drift;               ///< of a hold or an encoder
   PerLimb<bool> slips_on{};             ///< in spite of all that was done
   double unbalanced_N = 0.0;
   int unbalanced_limb = -1;

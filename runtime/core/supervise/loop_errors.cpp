@@ -49,6 +49,7 @@ LoopErrors loop_errors(const CycleView& now, const Grips& grips, const WeightBal
     errors.must_grip[l] = now.started && !walks && reference.load > kStandingLoad;
     errors.ft_limit_Nm[l] = limb.ft_limit_Nm(now.wrenches_W[l], now.body_W.rotation);
   }
+  if (!stands_up) errors.drift = grips.drift();
   errors.gave_way_m = pull.gave_way_m();
   errors.gave_way_limit_m = pull.limit_m();
   return errors;

@@ -228,6 +228,14 @@ const CycleResult& Climber::steps(int n) {
   return result;
 }
 
+void Climbing::SetUp() {
+  ASSERT_TRUE(run_.until(SupervisorState::kReady, 20));
+  run_.steps(1000);
+  run_.step(crux_msgs::command_t::START);
+  run_.steps(100);
+  ASSERT_GT(run_.result.state.plan_time_s, 0.1);
+}
+
 bool Climber::until(SupervisorState state, int n) {
   for (int i = 0; i < n && core.state() != state; ++i) step();
   return core.state() == state;

@@ -76,4 +76,12 @@ class Climber {
   CycleResult result;
 };
 
+/// A climb that has begun.
+class Climbing : public testing::Test {
+ protected:
+  void SetUp() override;
+
+  Climber run_{sample_plan()};
+};
+
 }  // namespace crux_test

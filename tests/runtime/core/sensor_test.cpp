@@ -11,15 +11,8 @@ using crux_msgs::command_t;
 
 constexpr int kIntoSwing = 3600;  // LF is in the air
 
-class Sensors : public testing::Test {
+class Sensors : public Climbing {
  protected:
-  void SetUp() override {
-    ASSERT_TRUE(run_.until(SupervisorState::kReady, 20));
-    run_.steps(1000);
-    run_.step(command_t::START);
-    run_.steps(100);
-    ASSERT_GT(run_.result.state.plan_time_s, 0.1);
-  }
   /// Cycles until a fault is told, at most n; what `spoil` does to the inputs comes before each.
   template <class Spoil>
   int until_fault(Spoil spoil, int n) {
@@ -37,8 +30,6 @@ class Sensors : public testing::Test {
   }
   Vector3 offset_m(int limb) const { return Vector3(run_.result.telemetry[limb].admittance_offset_m); }
   Vector3 planned_force_N(int limb) const { return Vector3(run_.result.telemetry[limb].force_reference_w_n); }
-
-  Climber run_{sample_plan()};
 };
 
 TEST_F(Sensors, AnEncoderThatJumpsIsNamedAtOnceAndItsJointStaysWhereItIs) {

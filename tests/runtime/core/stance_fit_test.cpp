@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/estimate/compliance_estimator.hpp"
+#include "core/estimate/drift_watch.hpp"
 #include "core/estimate/slip_watch.hpp"
 #include "core/estimate/weight_balance.hpp"
 #include "fixture.hpp"
@@ -30,9 +31,9 @@ class Stance : public testing::Test {
   void cycles(int n, int limb = 0, const Vector3& slide_m_s = Vector3::Zero(),
               const Vector3& turn_rad_s = Vector3::Zero()) {
     for (int i = 0; i < n; ++i) {
-      time_s_ += kDt_s;
-      const Pose body_W = {rotation_exp({0.05 * std::sin(time_s_), 0.03 * time_s_, 0.04 * time_s_}),
-                           {0.02 * time_s_, 0.02 * std::sin(2.0 * time_s_), 0.18}};
+      if (!stands_) body_s_ += kDt_s;
+      const Pose body_W = {rotation_exp({0.05 * std::sin(body_s_), 0.03 * body_s_, 0.04 * body_s_}),
+                           {0.02 * body_s_, 0.02 * std::sin(2.0 * body_s_), 0.18}};
       Pose& moved_W = gripper_W_[limb];
       moved_W.position_m += kDt_s * moved_W.rotation * slide_m_s;
       moved_W.rotation = orthonormalised(moved_W.rotation * rotation_exp(kDt_s * turn_rad_s));
@@ -40,7 +41,7 @@ class Stance : public testing::Test {
       for (int l = 0; l < kLimbs; ++l) {
         states_[l].gripper_B = body_W.inverse() * gripper_W_[l];
         states_[l].jacobian_B.setIdentity();
-        limbs[l] = {&states_[l], JointVector::Constant(torque_Nm_), holds_[l]};
+        limbs[l] = {&states_[l], JointVector::Constant(torque_Nm_), force_B_N_, holds_[l]};
       }
       fit_.update(limbs, kDt_s);
     }
@@ -54,8 +55,10 @@ class Stance : public testing::Test {
   PerLimb<Pose> gripper_W_;
   PerLimb<bool> holds_{true, true, true, true};
   StanceFit fit_{robot().stance};
-  double time_s_ = 0.0;
-  double torque_Nm_ = 5.0;  ///< of all joints: none goes through its play
+  double body_s_ = 0.0;
+  bool stands_ = false;                  ///< the body
+  Vector3 force_B_N_ = Vector3::Zero();  ///< on each gripper
+  double torque_Nm_ = 5.0;               ///< of all joints: none goes through its play
   PerLimb<LimbState> states_;
 };
 
@@ -119,6 +122,106 @@ TEST_F(Stance, WhatIsSlowMovesLittleInAWindowButCountsSinceContact) {
   cycles(5000, 3, {0.0, 0.0005, 0.0});
   EXPECT_NEAR(fit_.moved(2).way_m.norm(), 0.0005, 1e-4);
   EXPECT_NEAR(fit_.since_contact(3).shift_G_m.y(), 0.005, 2e-4);
+}
+
+TEST_F(Stance, AHoldThatGivesWaySlowlyIsNamedWithItsWay) {
+  for (const bool four : {true, false}) {
+    holds_[3] = four;
+    for (int l = 0; l < 3; ++l) {
+      cycles(6000);
+      cycles(1600, l, {0.0006, -0.0009, 0.0});  // for the second window
+      const StanceFit::Drift& drift = fit_.drift(1);
+      EXPECT_TRUE(drift.steady) << four;
+      EXPECT_EQ(drift.limb, l) << four;
+      EXPECT_EQ(drift.joint, -1) << four;
+      EXPECT_LT((drift.shift_G_m - 3.0 * Vector3(0.0006, -0.0009, 0.0)).norm(), 3e-4) << four;
+      EXPECT_FALSE(fit_.drift(2).steady) << "it has not gone on for 8 s";
+    }
+    cycles(6000);
+    for (int window = 0; window < StanceFit::kDrifts; ++window)
+      EXPECT_LT(fit_.drift(window).shift_G_m.norm(), 1e-5) << "it is over";
+  }
+}
+
+TEST_F(Stance, WhatMovesAtOnceHasNotMovedSlowly) {
+  cycles(6000);
+  for (int i = 0; i < 4; ++i) {
+    cycles(50, 1, {0.0, 0.05, 0.0});  // as through play
+    for (int k = 0; k < 120; ++k) {
+      cycles(25);
+      for (int window = 0; window < StanceFit::kDrifts - 1; ++window) ASSERT_FALSE(fit_.drift(window).steady) << k;
+    }
+  }
+}
+
+TEST_F(Stance, AnEncoderThatDriftsIsNamedByItsJoint) {
+  const Pose body_W = {Matrix3::Identity(), {0.0, 0.0, 0.18}};
+  const std::array<Vector3, kJoints> hinge_B_m = {Vector3{0.1, 0.1, 0.0}, {0.1, 0.13, 0.0}, {0.1, 0.25, 0.1},
+                                                  {0.1, 0.3, 0.05},       {0.1, 0.35, 0.0}, {0.1, 0.36, -0.1}};
+  const std::array<Vector3, kJoints> axis = {Vector3::UnitZ(), Vector3::UnitX(), Vector3::UnitX(),
+                                             Vector3::UnitX(), Vector3::UnitY(), Vector3::UnitZ()};
+  for (int joint = 0; joint < kJoints; ++joint) {
+    StanceFit fit(robot().stance);
+    double drifted_rad = 0.0;
+    for (int i = 0; i < 4400; ++i) {
+      drifted_rad += 0.001 * kDt_s;
+      PerLimb<FittedLimb> limbs;
+      for (int l = 0; l < kLimbs; ++l) {
+        states_[l].gripper_B = body_W.inverse() * gripper_W_[l];
+        for (int j = 0; j < kJoints; ++j) {
+          const Vector3 arm_m = states_[l].gripper_B.position_m - hinge_B_m[j];
+          states_[l].jacobian_B.col(j) << axis[j].cross(arm_m), axis[j];
+        }
+        limbs[l] = {&states_[l], JointVector::Constant(5.0), Vector3::Zero(), true};
+      }
+      Pose& seen_B = states_[2].gripper_B;
+      const Matrix3 turn = rotation_exp(drifted_rad * axis[joint]);
+      seen_B = {turn * seen_B.rotation, hinge_B_m[joint] + turn * (seen_B.position_m - hinge_B_m[joint])};
+      fit.update(limbs, kDt_s);
+    }
+    EXPECT_TRUE(fit.drift(2).steady) << joint;
+    EXPECT_EQ(fit.drift(2).limb, 2) << joint;
+    EXPECT_EQ(fit.drift(2).joint, joint);
+    EXPECT_NEAR(fit.drift(2).joint_rad, 0.008, 3e-4) << joint;
+  }
+}
+
+TEST_F(Stance, WhatSeemsToMoveInMotionIsSuspectedAndToldOnlyWhereTheRobotStands) {
+  DriftWatch watch(robot().stance);
+  const auto look = [&](int n, double creep_m_s) {
+    for (int i = 0; i < n; ++i) {
+      cycles(1, 2, {0.0, creep_m_s, 0.0});
+      watch.update(fit_, {}, true, true, kDt_s);
+    }
+  };
+  cycles(1000);
+  look(600, 0.0015);
+  EXPECT_EQ(watch.suspected(), 2) << "1.2 mm";
+  look(400, 0.0);
+  EXPECT_EQ(watch.suspected(), 2);
+  look(400, 0.0);
+  EXPECT_EQ(watch.suspected(), -1) << "it was none";
+  look(2000, 0.0015);
+  EXPECT_EQ(watch.told().limb, -1) << "the body moves";
+  stands_ = true;
+  look(400, 0.0015);
+  EXPECT_EQ(watch.told().limb, -1);
+  look(200, 0.0015);
+  EXPECT_EQ(watch.told().limb, 2);
+  EXPECT_EQ(watch.told().joint, -1);
+  EXPECT_NEAR(watch.told().moved / watch.told().within_s, 0.0015, 1e-4);
+}
+
+TEST_F(Stance, WhatGivesUnderALoadThatChangesDoesNotCreep) {
+  DriftWatch watch(robot().stance);
+  stands_ = true;
+  cycles(1000);
+  for (int i = 0; i < 2000; ++i) {
+    force_B_N_.x() = 0.02 * i;
+    cycles(1, 2, {0.0, 0.0008, 0.0});
+    watch.update(fit_, {}, true, false, kDt_s);
+  }
+  EXPECT_EQ(watch.told().limb, -1);
 }
 
 TEST_F(Stance, WhatAnIdleJointsPlayExplainsIsNoSlip) {

@@ -66,10 +66,8 @@ IN_THE_WORLD = {
     "slippery-hold": InTheWorld("holds: {{{hold}: {{friction_factor: 0.2}}}}", ("grasp_failed", "slip")),
     "hold-breaks": InTheWorld("holds: {{{hold}: {{breaks_at_s: {at_s}}}}}", ("grip_lost", "hold_missing")),
     "hold-missing": InTheWorld("holds: {{{hold}: {{present: false}}}}", ("hold_missing",)),
-    "hold-creeps": InTheWorld(
-        "holds: {{{hold}: {{viscosity_Ns_m: 18000}}}}", ("grasp_failed", "slip", "stance_misfit")
-    ),
-    "encoder-drifts": _of_sensor("encoder", "joint", "drift, rad: 0.001", "stance_misfit"),
+    "hold-creeps": InTheWorld("holds: {{{hold}: {{viscosity_Ns_m: 18000}}}}", ("hold_creeps", "grasp_failed", "slip")),
+    "encoder-drifts": _of_sensor("encoder", "joint", "drift, rad: 0.001", "encoder_drifts"),
     # What a climb has to bear: there is nothing to tell.
     "hold-narrower": InTheWorld("holds: {{{hold}: {{size_change_m: [-0.02, -0.02, 0]}}}}", ()),
     "gripper-slow": InTheWorld("robot: {{grippers: {{{limb}: {{speed_limit_m_s: 0.01}}}}}}", ()),
