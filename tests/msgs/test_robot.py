@@ -50,8 +50,8 @@ def test_the_meaning_is_the_golden_one() -> None:
 
 
 def test_keys_that_are_missing_have_their_defaults(folder: Path) -> None:
-    spoil(folder, "robot.yaml", "  rate_N_s: 50\n", "  rate_N_s: 45\n")
-    spoil(folder, "robot.yaml", "  stand_s: 0.3\n", "")
+    spoil(folder, "robot.yaml", "  rate_N_s: 200\n", "  rate_N_s: 45\n")
+    spoil(folder, "robot.yaml", "  stand_s: 0.2\n", "")
     test = load_robot(folder).grasp_test
     assert (test.rate_N_s, test.stand_s) == (45.0, 0.3)
     text = (folder / "robot.yaml").read_text()

@@ -1,7 +1,7 @@
 #include "core/grips/grasp_pull.hpp"
 
 #include <algorithm>
-#include <limits>
+#include <cmath>
 
 namespace crux {
 namespace {
@@ -53,16 +53,15 @@ void GraspPull::begin(int limb, const Wrench& load_W, const PerLimb<double>& bea
   standing_ = easing_ = failed_ = false;
 }
 
-bool GraspPull::all_bear(const PerLimb<double>& needs_N) const noexcept {
+bool GraspPull::others_within(const PerLimb<double>& needs_N, const PerLimb<double>& most_N) const noexcept {
   for (int l = 0; l < kLimbs; ++l) {
-    const double most_N = l == limb_ ? std::numeric_limits<double>::max() : bearable_N_[l];
-    if (needs_N[l] > most_N) return false;
+    if (l != limb_ && needs_N[l] > most_N[l]) return false;
   }
   return true;
 }
 
 void GraspPull::load_more(double step, double slid_m, const PerLimb<double>& needs_N) noexcept {
-  const bool all_bear = this->all_bear(needs_N);
+  const bool all_bear = std::isfinite(needs_N[limb_]) && others_within(needs_N, bearable_N_);
   if (all_bear) share_ = std::min(share_ + step, 1.0);
   standing_ = !all_bear || share_ == 1.0;
   loaded_slid_m_ = slid_m;
@@ -70,9 +69,10 @@ void GraspPull::load_more(double step, double slid_m, const PerLimb<double>& nee
 }
 
 void GraspPull::advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N,
-                        const GraspTestParameters& test, double dt_s) noexcept {
+                        const PerLimb<double>& borne_N, const GraspTestParameters& test, double dt_s) noexcept {
   if (limb_ < 0) return;
-  const double step = dt_s / std::max(load_W_.force_N.norm() / test.rate_N_s, test.min_ramp_s);
+  const double rate_N_s = others_within(needs_N, borne_N) ? test.rate_N_s : std::min(test.new_rate_N_s, test.rate_N_s);
+  const double step = dt_s / std::max(load_W_.force_N.norm() / rate_N_s, test.min_ramp_s);
   time_s_ += dt_s;
   if (easing_) {
     share_ = std::max(share_ - (failed_ ? kFailedEasing : 1.0) * step, 0.0);

@@ -36,10 +36,11 @@ class GraspPull {
   /// (testable_N); nothing where another is on its way.
   void begin(int limb, const Wrench& load_W, const PerLimb<double>& bearable_N) noexcept;
 
-  /// One period; where the gripper under test is, how far it has slid on its hold beyond play, and the grasp force that
-  /// each limb needs: infinite where one of its joints gives all it should, which ends the pull of any limb.
+  /// One period; where the gripper under test is, how far it has slid on its hold beyond play, the grasp force that
+  /// each limb needs (infinite where one of its joints gives all it should, which ends the pull of any limb), and the
+  /// most that each has borne: the load grows slowly where another limb needs more.
   void advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N,
-               const GraspTestParameters& test, double dt_s) noexcept;
+               const PerLimb<double>& borne_N, const GraspTestParameters& test, double dt_s) noexcept;
 
   int limb() const { return limb_; }                                       ///< under test; -1: none
   Wrench pull_W() const noexcept { return load_W_ * smoothstep(share_); }  ///< that it is to bear now
@@ -51,7 +52,8 @@ class GraspPull {
   bool begun(int limb) const { return limb == limb_ || result_[limb] != Result::kNone; }
 
  private:
-  bool all_bear(const PerLimb<double>& needs_N) const noexcept;
+  /// Whether no other limb needs more than `most_N` of it.
+  bool others_within(const PerLimb<double>& needs_N, const PerLimb<double>& most_N) const noexcept;
   void load_more(double step, double slid_m, const PerLimb<double>& needs_N) noexcept;
 
   int limb_ = -1;

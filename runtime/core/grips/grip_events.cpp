@@ -51,7 +51,7 @@ void Grips::pull_new_grasps(const CycleView& now, PerLimb<LimbController>& limbs
     const LimbReference& reference = now.reference.limbs[l];
     if (!reference.gripping() && !reference.closing()) pull_.forget(l);
     if (pull_.limb() == l)
-      pull_.advance(limbs[l].gripper_W_m(now.body_W), stance_.slid_m(l), needs_N, now.robot.grasp_test, dt_s);
+      pull_.advance(limbs[l].gripper_W_m(now.body_W), stance_.slid_m(l), needs_N, borne_N_, now.robot.grasp_test, dt_s);
     // Beside a hold's edge there is nothing to grip: then it reaches to the other side.
     const bool misses = retry_.tried(l) && limbs[l].fingers().finds_no_hold(reference, now.started);
     if (climbs && (misses || pull_.result(l) == GraspPull::Result::kFailed) && retry_.begin(l)) {

@@ -65,6 +65,13 @@ void Grips::watch(const CycleView& now, bool climbs, double dt_s) noexcept {
     // While control takes over, the fingers' force and the load change too quickly to be set against each other.
     slips_[l].update(l, stance_, fitted[l].holds && reference.gripping(), now.started ? used : 0.0, dt_s);
     const Matrix3 rotation_GW = (now.body_W.rotation * limb.state().gripper_B.rotation).transpose();
+    if (!fitted[l].holds || slips_[l].slipped_at() > 0.0) {
+      borne_N_[l] = 0.0;
+    } else {
+      const double needed_N = needed_grasp_force_N(limb.wrench_W(), reference.finger_axis_W(),
+                                                   contact(now, l, reference), now.robot.control);
+      borne_N_[l] = std::max(borne_N_[l], needed_N);
+    }
     compliances_[l].update(fitted[l].holds ? holding : 0, rotation_GW * limb.wrench_W().force_N,
                            stance_.since_contact(l).shift_G_m, dt_s);
   }

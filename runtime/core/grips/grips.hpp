@@ -93,6 +93,7 @@ class Grips {
   GraspPull pull_;
   GraspRetry retry_;
   PerLimb<HoldSearch> searches_;
+  PerLimb<double> borne_N_{};  ///< grasp force for the most that each grip has borne; none once it slipped
   Return return_ = Return::kNone;
 };
 

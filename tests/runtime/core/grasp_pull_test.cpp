@@ -30,7 +30,7 @@ GraspPull pulled(Way way_m, double slid_share = 0.0, double need_N = 0.0) {
     quickest_off = std::max(quickest_off, last - share);
     last = share;
     const double way = way_m(share);
-    test.advance({way, 0.0, 0.0}, slid_share * way, {0.0, share * need_N, 99.0, 0.0}, kTest, kDt_s);
+    test.advance({way, 0.0, 0.0}, slid_share * way, {0.0, share * need_N, 99.0, 0.0}, kBearable_N, kTest, kDt_s);
   }
   EXPECT_EQ(test.pull_W().force_N.norm(), 0.0);
   // What has failed is let off quicker, and without a jump either.
@@ -89,7 +89,7 @@ TEST(GraspPull, IsPulledNoHarderThanItsOwnJointsGive) {
     const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
     most = std::max(most, share);
     const double need_N = share > 0.5 ? std::numeric_limits<double>::infinity() : 99.0;
-    test.advance({0.0, 0.0, 0.0}, 0.0, {0.0, 0.0, need_N, 0.0}, kTest, kDt_s);
+    test.advance({0.0, 0.0, 0.0}, 0.0, {0.0, 0.0, need_N, 0.0}, kBearable_N, kTest, kDt_s);
   }
   EXPECT_EQ(test.result(2), GraspPull::Result::kPassed);
   EXPECT_NEAR(most, 0.5, 0.02);
@@ -106,11 +106,14 @@ TEST(GraspPull, AGraspThatComesOffIsNotPulledToTheEnd) {
 }
 
 TEST(GraspPull, TakesAsLongAsTheRobotsDescriptionSays) {
-  const auto seconds = [](const GraspTestParameters& parameters) {
+  const auto seconds = [](const GraspTestParameters& parameters, double borne_N = 10.0) {
     GraspPull test;
     test.begin(2, kLoad, kBearable_N);
     int cycles = 0;
-    for (; test.limb() == 2; ++cycles) test.advance(Vector3::Zero(), 0.0, {}, parameters, kDt_s);
+    for (; test.limb() == 2; ++cycles) {
+      const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
+      test.advance(Vector3::Zero(), 0.0, {0.0, 10.0 * share, 99.0, 0.0}, {0.0, borne_N, 0.0, 0.0}, parameters, kDt_s);
+    }
     EXPECT_EQ(test.result(2), GraspPull::Result::kPassed);
     return cycles * kDt_s;
   };
@@ -121,6 +124,11 @@ TEST(GraspPull, TakesAsLongAsTheRobotsDescriptionSays) {
               0.1 + 2 * 25.0 / 100.0 + 0.05, 0.01);
   EXPECT_NEAR(seconds({.load_factor = 1.2, .press_s = 0.1, .rate_N_s = 400.0, .min_ramp_s = 0.2, .stand_s = 0.05}),
               0.1 + 2 * 0.2 + 0.05, 0.01);
+  // Slowly where limb 1 has not borne as much: from the half on, where smoothstep is a half.
+  const GraspTestParameters slower{
+      .load_factor = 1.2, .press_s = 0.1, .rate_N_s = 100.0, .new_rate_N_s = 25.0, .min_ramp_s = 0.1, .stand_s = 0.05};
+  EXPECT_NEAR(seconds(slower, 5.0), 0.1 + 2 * (12.5 / 100.0 + 12.5 / 25.0) + 0.05, 0.02);
+  EXPECT_NEAR(seconds(slower, 0.0), 0.1 + 2 * 25.0 / 25.0 + 0.05, 0.02);
 }
 
 TEST(GraspPull, ALimbThatGripsAnewIsTestedAnew) {

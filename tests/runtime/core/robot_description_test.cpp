@@ -64,8 +64,8 @@ TEST_F(RobotFiles, AreKept) {
 }
 
 TEST_F(RobotFiles, KeysThatAreMissingHaveTheirDefaults) {
-  replace(yaml_, "  rate_N_s: 50\n", "  rate_N_s: 45\n");
-  replace(yaml_, "  stand_s: 0.3\n", "");
+  replace(yaml_, "  rate_N_s: 200\n", "  rate_N_s: 45\n");
+  replace(yaml_, "  stand_s: 0.2\n", "");
   EXPECT_EQ(load().value().grasp_test.rate_N_s, 45.0);
   EXPECT_EQ(load().value().grasp_test.stand_s, 0.3);
   const std::size_t from = yaml_.find("grasp_test:");

@@ -209,7 +209,7 @@ TEST_F(Sensors, ALimbInTheAirGoesBackToItsHoldWhenAnotherHasLostItsOwn) {
 
 TEST_F(Sensors, AGripperThatHasClosedTakesUpLoadWhenAnotherHasLostItsHold) {
   const auto closes = [&] { return run_.result.reference[0].phase == static_cast<int>(LimbPhase::kClose); };
-  const auto presses = [&] { return run_.plant.input().finger_force_n[0] > 20.0; };
+  const auto presses = [&] { return run_.plant.input().finger_force_n[0] > 12.0; };
   for (int i = 0; i < 12000 && !(closes() && presses()); ++i) run_.step();
   ASSERT_TRUE(closes() && presses());
   ASSERT_LT(planned_force_N(0).norm(), 0.1);
