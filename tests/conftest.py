@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -25,12 +26,19 @@ settings.load_profile("same")
 
 
 @pytest.fixture(scope="session", autouse=True)
-def own_folders(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keys, and runtimes that operators know, are not those of whoever runs the tests."""
+def own_folders(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Keys, and runtimes that operators know, are not those of whoever runs the tests; where they are."""
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("XDG_CONFIG_HOME", "XDG_STATE_HOME"):
-            patch.setenv(name, str(tmp_path_factory.mktemp(name.lower())))
-        yield
+        for name in ("XDG_STATE_HOME", "XDG_CONFIG_HOME"):
+            folder = tmp_path_factory.mktemp(name.lower())
+            patch.setenv(name, str(folder))
+        yield folder
+
+
+@pytest.fixture(autouse=True)
+def forgotten_runtimes(own_folders: Path) -> None:
+    """Tests draw their ports: what answered there in an earlier test, with a key of its own, is not known."""
+    (own_folders / "crux" / "runtimes").unlink(missing_ok=True)
 
 
 @pytest.fixture(scope="session")
