@@ -2,6 +2,7 @@
 SHELL := /bin/sh
 JOBS ?= $(shell nproc)
 SCENARIO ?= msgs/scenarios/climb-four-holds.yaml
+OBJECTIVE ?= balanced
 OUT ?= out
 ARCHITECTURES ?= amd64 arm64
 
@@ -60,7 +61,7 @@ can-kernel: setup ## the kernel with CAN that tests run in; built when it is mis
 
 climb: programs ## plan SCENARIO and climb it in the simulated world; plan, log and report go to OUT
 	@mkdir -p '$(OUT)'
-	$(BIN)/crux plan '$(SCENARIO)' -o '$(OUT)/plan.mcap'
+	$(BIN)/crux plan '$(SCENARIO)' --objective '$(OBJECTIVE)' -o '$(OUT)/plan.mcap'
 	$(BIN)/crux climb '$(OUT)/plan.mcap' -o '$(OUT)/telemetry.mcap' --report '$(OUT)/report.html'
 
 test: test-native test-python ## every test but sanitizers and long sweeps

@@ -33,7 +33,7 @@ but not the certificate that was asked for (the message says why)"""
 
 def add_plan_parser(subparsers: Any) -> None:
     """Add `plan` to the subcommands of crux."""
-    from crux_contracts.scenario import METHODS
+    from crux_contracts.scenario_types import METHODS, OBJECTIVES
 
     from crux_planner.method_report import METHODS_HERE
     from crux_planner.pipeline.session import LONGER_S, TIME_LIMIT_S
@@ -53,6 +53,8 @@ def add_plan_parser(subparsers: Any) -> None:
     usual = f"default: the scenario's planner.time_limit_s, else {TIME_LIMIT_S:g}"
     usual += "".join(f"; {method}: {limit_s:g}" for method, limit_s in LONGER_S.items())
     add("--time-limit", type=_positive, metavar="S", help=f"{limit}; {usual}")
+    pace = "on climbs: the least J (paper), the least time (time), or in between (balanced); default: the scenario's"
+    add("--objective", choices=OBJECTIVES, metavar="O", help=f"{pace}, else paper")
     prove = "on climbs: spend up to S more seconds of CPU time on a tighter gap (default: a fixed amount of work)"
     add("--prove", type=_positive, metavar="S", help=prove)
     proofs = (
@@ -84,6 +86,7 @@ def run_plan(args: argparse.Namespace) -> int:
     try:
         scenario = load_scenario(args.scenario)
         robot = load_robot(scenario.robot)
+        scenario = _at_pace(args, scenario)
         look_at_outputs({"-o": args.output, "--certificate": args.certificate}, (args.scenario, args.running))
         with _progress() as (report, log):
             if args.running is not None or scenario.start.air:
@@ -204,6 +207,17 @@ def _astray(args: argparse.Namespace) -> str:
         given = {name: value is not None for name, value in given.items()}
         reason = "does not go with --from, which always keeps to the running plan where it can"
     return "; ".join(f"{name} {reason}" for name, is_given in given.items() if is_given)
+
+
+def _at_pace(args: argparse.Namespace, scenario: Scenario) -> Scenario:
+    from crux_planner.pipeline.restart import with_objective
+
+    if args.objective is None:
+        return scenario
+    if scenario.contact.model == "point":
+        say(f"crux plan: {args.scenario} is a walk, and walks have even steps: --objective is left out", to_errors=True)
+        return scenario
+    return with_objective(scenario, args.objective)
 
 
 def _fail(args: argparse.Namespace, message: str, status: int, **more: Any) -> int:

@@ -72,6 +72,13 @@ def edited(scenario: Scenario, edit: Callable[[dict[str, Any]], None]) -> Scenar
     return parse_scenario(content, scenario.path)
 
 
+def with_objective(scenario: Scenario, objective: str) -> Scenario:
+    """The scenario with this planner.objective. Raises ScenarioError where it does not go with the rest."""
+    if objective == scenario.planner.objective:
+        return scenario
+    return edited(scenario, lambda content: content.setdefault("planner", {}).update(objective=objective))
+
+
 def rewritten(
     scenario: Scenario, *, steps: int, start: dict[str, Any] | None = None, without: Collection[str] = ()
 ) -> Scenario:

@@ -2,30 +2,41 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
-import yaml
-from crux_contracts.interpolation import knot_times_s
+import pytest
+from crux_contracts.plan_file import read_plan
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import parse_scenario
+from crux_contracts.scenario import load_scenario, parse_scenario
 from crux_msgs import plan_t
 from crux_planner.checker import check_plan
-from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.replan import Planner
+from crux_tools.cli import main
 
 ONE_STEP = Path(__file__).parents[3] / "msgs" / "scenarios" / "climb-one-step.yaml"
 
 
-def test_a_climb_is_planned_and_planned_again_in_the_least_time(robot: Robot) -> None:
-    content = yaml.safe_load(ONE_STEP.read_text())
-    content["planner"] = {**content.get("planner", {}), "objective": "time"}
-    scenario = parse_scenario(yaml.safe_dump(content))
-    result = plan(scenario, robot)
-    even_s = scenario.horizon.dt_s * result.steps
-    assert result.plan.format == plan_t.FORMAT_OWN_TIMES
-    assert knot_times_s(result.plan)[-1] < 0.4 * even_s
-    assert result.gap is None
-    again = Planner(scenario, robot).replan(result.plan, 0.01)
+def test_a_climb_is_planned_and_planned_again_in_the_least_time(
+    robot: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "plan.mcap"
+    assert main(["plan", str(ONE_STEP), "--objective", "time", "-o", str(output), "--json"]) == 0
+    result, timed = json.loads(capsys.readouterr().out), read_plan(output)
+    asked, scenario = load_scenario(ONE_STEP), parse_scenario(timed.scenario_yaml)
+    assert replace(scenario.planner, objective="paper") == asked.planner
+    assert timed.format == plan_t.FORMAT_OWN_TIMES
+    assert timed.knots[-1].time_s < 0.4 * asked.horizon.dt_s * result["steps"]
+    assert result["gap"] is None
+    again = Planner(scenario, robot).replan(timed, 0.01)
     assert again.plan.format == plan_t.FORMAT_OWN_TIMES
     assert check_plan(again.plan, robot).ok
-    assert again.plan.knots[-1].time_s < result.plan.knots[-1].time_s + 1.0
+    assert again.plan.knots[-1].time_s < timed.knots[-1].time_s + 1.0
+
+
+def test_the_objective_of_a_walk_is_left_out_aloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    walk = ONE_STEP.with_name("walk-flat.yaml")
+    words = ["plan", str(walk), "--objective", "balanced", "--time-limit", "0.01", "-o", str(tmp_path / "plan.mcap")]
+    assert main(words) == 1  # out of time at once
+    assert "--objective is left out" in capsys.readouterr().err

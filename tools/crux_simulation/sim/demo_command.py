@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
 
     plan, log, report = (options.output / name for name in ("plan.mcap", "climb.mcap", "report.html"))
     commands = (
-        ["plan", str(SCENARIOS / SCENARIO), "-o", str(plan)],
+        ["plan", str(SCENARIOS / SCENARIO), "--objective", "balanced", "-o", str(plan)],
         ["climb", str(plan), "-o", str(log), "--report", str(report)],
     )
     status = 0
