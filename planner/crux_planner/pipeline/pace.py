@@ -31,6 +31,7 @@ from crux_planner.pipeline.session import Work
 STRETCH = {"time": 1.0, "balanced": 1.25}  # of the least times, by objective
 LONGER = 1.2  # times longer, where the checker refuses an interval and beside it
 ROUNDS = 12  # of that
+OF_THE_WAY = ("joint_position", "inverse_kinematics", "clearance")  # begin names of constraints that no time changes
 PEAK, PEAK_ACCELERATION = 1.5, 6.0  # of a smooth step over its way and time, and over its way and time squared
 BODY_SHARE = 0.999  # of the body's limits: the check is exact
 
@@ -177,10 +178,23 @@ def _narrow_fingers(plan: plan_t, robot: Robot) -> None:
 
 
 def _lengthen(step_s: Array, report: CheckReport) -> bool:
-    """Lengthens the intervals about what the checker found, in place; False where it found what takes no time."""
+    """Lengthens the intervals about what the checker found, in place; False where it found what takes no time.
+
+    Where the body passes between two knots depends on how the intervals beside compare: what is about its way alone
+    is answered by intervals of one length, between which it passes as it does with even steps.
+    """
     times = np.concatenate([[0.0], np.cumsum(step_s)])
-    found = [v.time_s for v in report.violations if v.time_s is not None]
-    about = {int(np.clip(np.searchsorted(times, at + 1e-9) - 1, 0, len(step_s) - 1)) for at in found}
-    near = sorted({k for at in about for k in (at - 1, at, at + 1) if 0 <= k < len(step_s)})
-    step_s[near] *= LONGER
-    return bool(near)
+    slower, evened = set[int](), list[set[int]]()
+    for violation in report.violations:
+        if violation.time_s is None:
+            continue
+        at = int(np.clip(np.searchsorted(times, violation.time_s + 1e-9) - 1, 0, len(step_s) - 1))
+        near = {k for k in (at - 1, at, at + 1) if 0 <= k < len(step_s)}
+        if violation.constraint.startswith(OF_THE_WAY):
+            evened.append(near)
+        else:
+            slower |= near
+    step_s[sorted(slower)] *= LONGER
+    for near in evened:
+        step_s[sorted(near)] = step_s[sorted(near)].max()
+    return bool(slower or evened)

@@ -60,36 +60,38 @@ bool GraspPull::others_within(const PerLimb<double>& needs_N, const PerLimb<doub
   return true;
 }
 
-void GraspPull::load_more(double step, double slid_m, const PerLimb<double>& needs_N) noexcept {
-  const bool all_bear = std::isfinite(needs_N[limb_]) && others_within(needs_N, bearable_N_);
-  if (all_bear) share_ = std::min(share_ + step, 1.0);
+void GraspPull::load_more(double step, const Seen& seen, const GraspTestParameters& test) noexcept {
+  const double next = std::min(share_ + step, 1.0);
+  const bool all_bear = std::isfinite(seen.needs_N[limb_]) && others_within(seen.needs_N, bearable_N_);
+  if (all_bear && (smoothstep(next) <= seen.pressed || time_s_ >= test.press_s)) share_ = next;
   standing_ = !all_bear || share_ == 1.0;
-  loaded_slid_m_ = slid_m;
-  time_s_ = 0.0;
+  loaded_slid_m_ = seen.slid_m;
+  if (standing_) time_s_ = 0.0;
 }
 
-void GraspPull::advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N,
-                        const PerLimb<double>& borne_N, const GraspTestParameters& test, double dt_s) noexcept {
+void GraspPull::advance(const Seen& seen, const GraspTestParameters& test, double dt_s) noexcept {
   if (limb_ < 0) return;
-  const double rate_N_s = others_within(needs_N, borne_N) ? test.rate_N_s : std::min(test.new_rate_N_s, test.rate_N_s);
+  const double rate_N_s =
+      others_within(seen.needs_N, seen.borne_N) ? test.rate_N_s : std::min(test.new_rate_N_s, test.rate_N_s);
   const double step = dt_s / std::max(load_W_.force_N.norm() / rate_N_s, test.min_ramp_s);
   time_s_ += dt_s;
   if (easing_) {
     share_ = std::max(share_ - (failed_ ? kFailedEasing : 1.0) * step, 0.0);
     if (share_ > 0.0) return;
-    result_[limb_] = failed_ ? Result::kFailed : Result::kPassed;
+    if (failed_) result_[limb_] = Result::kFailed;
     limb_ = -1;
-  } else if (share_ == 0.0 && time_s_ < test.press_s) {
-    unloaded_W_m_ = gripper_W_m;
-  } else {
-    if (!standing_) load_more(step, slid_m, needs_N);
-    const double way_m = (gripper_W_m - unloaded_W_m_).norm();
-    const bool comes_off = way_m > kMaxWay_m;
-    gave_way_m_ = comes_off ? way_m : slid_m - (standing_ ? loaded_slid_m_ : 0.0);
-    limit_m_ = comes_off ? kMaxWay_m : (standing_ ? kMaxCreep_m : kMaxSlide_m);
-    failed_ = gave_way_m_ > limit_m_;
-    easing_ = failed_ || (standing_ && time_s_ >= test.stand_s);
+    return;
   }
+  if (share_ == 0.0) unloaded_W_m_ = seen.gripper_W_m;
+  if (!standing_) load_more(step, seen, test);
+  const double way_m = (seen.gripper_W_m - unloaded_W_m_).norm();
+  const bool comes_off = way_m > kMaxWay_m;
+  gave_way_m_ = comes_off ? way_m : seen.slid_m - (standing_ ? loaded_slid_m_ : 0.0);
+  limit_m_ = comes_off ? kMaxWay_m : (standing_ ? kMaxCreep_m : kMaxSlide_m);
+  failed_ = gave_way_m_ > limit_m_;
+  easing_ = failed_ || (standing_ && time_s_ >= test.stand_s);
+  // The plan goes on while a pull that was passed is let off.
+  if (easing_ && !failed_) result_[limb_] = Result::kPassed;
 }
 
 }  // namespace crux

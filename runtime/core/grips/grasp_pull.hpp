@@ -16,11 +16,20 @@ Wrench test_load_W(const PreparedPlan& plan, const PlanTime& at, int limb, const
 double testable_N(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
                   const Contact& contact, const RobotDescription& robot) noexcept;
 
-/// The pull on one grasp at a time: the fingers press first, the load grows as far as the other limbs bear it, stands
-/// and goes.
+/// The pull on one grasp at a time: the load grows as far as the fingers press for it and the other limbs bear it,
+/// stands, and goes while the grasp, once passed, takes up what the plan wants it to bear.
 class GraspPull {
  public:
   enum class Result { kNone, kPassed, kFailed };
+
+  /// One cycle as the pull sees it.
+  struct Seen {
+    Vector3 gripper_W_m = Vector3::Zero();  ///< of the grasp under test
+    double slid_m = 0.0;                    ///< on its hold, beyond play
+    double pressed = 1.0;                   ///< share of the load that the fingers press enough for
+    PerLimb<double> needs_N{};  ///< grasp force; infinite where a joint gives all it should: ends the pull of any limb
+    PerLimb<double> borne_N{};  ///< the most that each has borne: the load grows slowly where another limb needs more
+  };
 
   // How far a grasp may give way beyond what play of the joints explains (StanceFit::slid_m): while the load grows, and
   // under the standing load; or in all, where too few limbs hold to tell. A gripper seems to move under a standing load
@@ -36,11 +45,9 @@ class GraspPull {
   /// (testable_N); nothing where another is on its way.
   void begin(int limb, const Wrench& load_W, const PerLimb<double>& bearable_N) noexcept;
 
-  /// One period; where the gripper under test is, how far it has slid on its hold beyond play, the grasp force that
-  /// each limb needs (infinite where one of its joints gives all it should, which ends the pull of any limb), and the
-  /// most that each has borne: the load grows slowly where another limb needs more.
-  void advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N,
-               const PerLimb<double>& borne_N, const GraspTestParameters& test, double dt_s) noexcept;
+  /// One period. Where the fingers never seem to press enough the load grows all the same, `press_s` after the pull
+  /// began: one sensor stops no climb.
+  void advance(const Seen& seen, const GraspTestParameters& test, double dt_s) noexcept;
 
   int limb() const { return limb_; }                                       ///< under test; -1: none
   Wrench pull_W() const noexcept { return load_W_ * smoothstep(share_); }  ///< that it is to bear now
@@ -54,10 +61,10 @@ class GraspPull {
  private:
   /// Whether no other limb needs more than `most_N` of it.
   bool others_within(const PerLimb<double>& needs_N, const PerLimb<double>& most_N) const noexcept;
-  void load_more(double step, double slid_m, const PerLimb<double>& needs_N) noexcept;
+  void load_more(double step, const Seen& seen, const GraspTestParameters& test) noexcept;
 
   int limb_ = -1;
-  double time_s_ = 0.0;  ///< of pressing, then of standing
+  double time_s_ = 0.0;  ///< of loading, then of standing
   double share_ = 0.0;   ///< of the load
   bool standing_ = false;
   bool easing_ = false;

@@ -29,6 +29,17 @@ PerLimb<double> needs_N(const CycleView& now) noexcept {
 
 }  // namespace
 
+/// By sensor and by command: no grasp is loaded on the word of one of them.
+double Grips::pressed_share(const CycleView& now, int limb) const noexcept {
+  const LimbReference& reference = now.reference.limbs[limb];
+  const Fingers& fingers = now.limbs[limb].fingers();
+  const double reserve_N = now.robot.control.grasp_force_reserve_N;
+  const double needed_N =
+      needed_grasp_force_N(pull_.load_W(), reference.finger_axis_W(), contact(now, limb, reference), now.robot.control);
+  const double presses_N = std::min(fingers.force_N(), fingers.expected_force_N());
+  return (presses_N - reserve_N) / std::max(needed_N - reserve_N, 1e-9);
+}
+
 void Grips::begin_pull(const CycleView& now, const PlanTime& at, int limb) noexcept {
   if (pull_.limb() >= 0) return;
   PerLimb<double> bearable_N = needs_N(now);
@@ -50,8 +61,10 @@ void Grips::pull_new_grasps(const CycleView& now, PerLimb<LimbController>& limbs
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& reference = now.reference.limbs[l];
     if (!reference.gripping() && !reference.closing()) pull_.forget(l);
-    if (pull_.limb() == l)
-      pull_.advance(limbs[l].gripper_W_m(now.body_W), stance_.slid_m(l), needs_N, borne_N_, now.robot.grasp_test, dt_s);
+    if (pull_.limb() == l) {
+      pull_.advance({limbs[l].gripper_W_m(now.body_W), stance_.slid_m(l), pressed_share(now, l), needs_N, borne_N_},
+                    now.robot.grasp_test, dt_s);
+    }
     // Beside a hold's edge there is nothing to grip: then it reaches to the other side.
     const bool misses = retry_.tried(l) && limbs[l].fingers().finds_no_hold(reference, now.started);
     if (climbs && (misses || pull_.result(l) == GraspPull::Result::kFailed) && retry_.begin(l)) {

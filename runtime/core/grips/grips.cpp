@@ -115,7 +115,11 @@ PerLimb<Bearer> Grips::bearers(const CycleView& now, const PlanReference& refere
     const LimbReference& limb = reference.limbs[l];
     bearers[l] = {now.limbs[l].anchor_W_m(limb), limb.finger_axis_W(), load(now, l, limb),
                   now.health.hold_lost[l] ? Wrench() : limb.wrench_W * relief(now, l)};
-    if (pull_.limb() == l) bearers[l].load = kPulledLoad, bearers[l].planned_W = pull_.pull_W();
+    if (pull_.limb() == l) {
+      // A pull that goes makes way for what the plan loads the grasp with: never more than it was pulled with.
+      bearers[l].planned_W = bearers[l].planned_W + pull_.pull_W() * (1.0 - bearers[l].load);
+      bearers[l].load = std::max(bearers[l].load, kPulledLoad);
+    }
   }
   return bearers;
 }

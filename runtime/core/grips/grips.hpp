@@ -80,6 +80,8 @@ class Grips {
 
   /// Share of its load that a limb bears while it slips.
   double relief(const CycleView& now, int limb) const noexcept;
+  /// Share of the pull's load that the fingers of the limb under test press enough for.
+  double pressed_share(const CycleView& now, int limb) const noexcept;
   void begin_pull(const CycleView& now, const PlanTime& at, int limb) noexcept;
   /// Sends a limb whose finger stands on its hold over to the side where the hold is.
   void search_hold(const CycleView& now, PlanClock& clock, LimbController& limb, int l, LimbEvents& events,

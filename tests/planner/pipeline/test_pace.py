@@ -6,12 +6,15 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from crux_contracts.plan_file import read_plan
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import load_scenario, parse_scenario
 from crux_msgs import plan_t
-from crux_planner.checker import check_plan
+from crux_planner.checker import CheckReport, check_plan
+from crux_planner.checker.report import Violation
+from crux_planner.pipeline.pace import _lengthen
 from crux_planner.pipeline.replan import Planner
 from crux_tools.cli import main
 
@@ -33,6 +36,17 @@ def test_a_climb_is_planned_and_planned_again_in_the_least_time(
     assert again.plan.format == plan_t.FORMAT_OWN_TIMES
     assert check_plan(again.plan, robot).ok
     assert again.plan.knots[-1].time_s < timed.knots[-1].time_s + 1.0
+
+
+def test_what_no_time_changes_is_answered_by_even_intervals_and_the_rest_by_longer_ones() -> None:
+    def lengthened(constraint: str) -> list[float]:
+        step_s = np.array([0.2, 0.4, 1.0, 0.3, 0.2])
+        found = Violation(constraint, "LF", None, 0.5, 0.01, "rad")  # in the second interval
+        assert _lengthen(step_s, CheckReport(violations=[found]))
+        return step_s.tolist()
+
+    assert lengthened("joint_position") == [1.0, 1.0, 1.0, 0.3, 0.2]
+    assert lengthened("joint_speed") == pytest.approx([0.24, 0.48, 1.2, 0.3, 0.2])
 
 
 def test_the_objective_of_a_walk_is_left_out_aloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

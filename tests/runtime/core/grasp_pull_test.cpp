@@ -30,7 +30,7 @@ GraspPull pulled(Way way_m, double slid_share = 0.0, double need_N = 0.0) {
     quickest_off = std::max(quickest_off, last - share);
     last = share;
     const double way = way_m(share);
-    test.advance({way, 0.0, 0.0}, slid_share * way, {0.0, share * need_N, 99.0, 0.0}, kBearable_N, kTest, kDt_s);
+    test.advance({{way, 0.0, 0.0}, slid_share * way, 1.0, {0.0, share * need_N, 99.0, 0.0}, kBearable_N}, kTest, kDt_s);
   }
   EXPECT_EQ(test.pull_W().force_N.norm(), 0.0);
   // What has failed is let off quicker, and without a jump either.
@@ -89,7 +89,7 @@ TEST(GraspPull, IsPulledNoHarderThanItsOwnJointsGive) {
     const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
     most = std::max(most, share);
     const double need_N = share > 0.5 ? std::numeric_limits<double>::infinity() : 99.0;
-    test.advance({0.0, 0.0, 0.0}, 0.0, {0.0, 0.0, need_N, 0.0}, kBearable_N, kTest, kDt_s);
+    test.advance({Vector3::Zero(), 0.0, 1.0, {0.0, 0.0, need_N, 0.0}, kBearable_N}, kTest, kDt_s);
   }
   EXPECT_EQ(test.result(2), GraspPull::Result::kPassed);
   EXPECT_NEAR(most, 0.5, 0.02);
@@ -105,30 +105,52 @@ TEST(GraspPull, AGraspThatComesOffIsNotPulledToTheEnd) {
   EXPECT_LT(most, 0.3);
 }
 
+/// How long a pull takes until it has passed, and until it is gone.
+struct Took {
+  double passed_s = 0.0, gone_s = 0.0;
+};
+
+Took took(const GraspTestParameters& parameters, double borne_N = 10.0, double pressed = 1.0) {
+  GraspPull test;
+  test.begin(2, kLoad, kBearable_N);
+  int cycles = 0, until_passed = 0;
+  for (; test.limb() == 2; ++cycles) {
+    const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
+    if (test.result(2) == GraspPull::Result::kNone) until_passed = cycles + 1;
+    test.advance({Vector3::Zero(), 0.0, pressed, {0.0, 10.0 * share, 99.0, 0.0}, {0.0, borne_N, 0.0, 0.0}}, parameters,
+                 kDt_s);
+  }
+  EXPECT_EQ(test.result(2), GraspPull::Result::kPassed);
+  return {until_passed * kDt_s, cycles * kDt_s};
+}
+
 TEST(GraspPull, TakesAsLongAsTheRobotsDescriptionSays) {
-  const auto seconds = [](const GraspTestParameters& parameters, double borne_N = 10.0) {
-    GraspPull test;
-    test.begin(2, kLoad, kBearable_N);
-    int cycles = 0;
-    for (; test.limb() == 2; ++cycles) {
-      const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
-      test.advance(Vector3::Zero(), 0.0, {0.0, 10.0 * share, 99.0, 0.0}, {0.0, borne_N, 0.0, 0.0}, parameters, kDt_s);
-    }
-    EXPECT_EQ(test.result(2), GraspPull::Result::kPassed);
-    return cycles * kDt_s;
-  };
-  // Pressed, pulled up, held, let off: 25 N, which no ramp of 0.2 s needs at 100 N/s.
-  EXPECT_NEAR(seconds({.load_factor = 1.2, .press_s = 0.3, .rate_N_s = 30.0, .min_ramp_s = 0.2, .stand_s = 0.3}),
-              0.3 + 2 * 25.0 / 30.0 + 0.3, 0.01);
-  EXPECT_NEAR(seconds({.load_factor = 1.2, .press_s = 0.1, .rate_N_s = 100.0, .min_ramp_s = 0.1, .stand_s = 0.05}),
-              0.1 + 2 * 25.0 / 100.0 + 0.05, 0.01);
-  EXPECT_NEAR(seconds({.load_factor = 1.2, .press_s = 0.1, .rate_N_s = 400.0, .min_ramp_s = 0.2, .stand_s = 0.05}),
-              0.1 + 2 * 0.2 + 0.05, 0.01);
+  // Pulled up and held, and let off meanwhile the plan goes on: 25 N, which no ramp of 0.2 s needs at 100 N/s.
+  const Took slow = took({.load_factor = 1.2, .press_s = 0.3, .rate_N_s = 30.0, .min_ramp_s = 0.2, .stand_s = 0.3});
+  EXPECT_NEAR(slow.passed_s, 25.0 / 30.0 + 0.3, 0.01);
+  EXPECT_NEAR(slow.gone_s, 2 * 25.0 / 30.0 + 0.3, 0.01);
+  const Took quick = took({.load_factor = 1.2, .press_s = 0.1, .rate_N_s = 400.0, .min_ramp_s = 0.2, .stand_s = 0.05});
+  EXPECT_NEAR(quick.gone_s, 2 * 0.2 + 0.05, 0.01);
   // Slowly where limb 1 has not borne as much: from the half on, where smoothstep is a half.
   const GraspTestParameters slower{
       .load_factor = 1.2, .press_s = 0.1, .rate_N_s = 100.0, .new_rate_N_s = 25.0, .min_ramp_s = 0.1, .stand_s = 0.05};
-  EXPECT_NEAR(seconds(slower, 5.0), 0.1 + 2 * (12.5 / 100.0 + 12.5 / 25.0) + 0.05, 0.02);
-  EXPECT_NEAR(seconds(slower, 0.0), 0.1 + 2 * 25.0 / 25.0 + 0.05, 0.02);
+  EXPECT_NEAR(took(slower, 5.0).gone_s, 2 * (12.5 / 100.0 + 12.5 / 25.0) + 0.05, 0.02);
+  EXPECT_NEAR(took(slower, 0.0).gone_s, 2 * 25.0 / 25.0 + 0.05, 0.02);
+}
+
+TEST(GraspPull, GrowsAsFarAsTheFingersPressAndWaitsForThemNoLongerThanTheDescriptionSays) {
+  const GraspTestParameters quick{.press_s = 0.5, .rate_N_s = 100.0, .new_rate_N_s = 100.0, .stand_s = 1.0};
+  GraspPull test;
+  test.begin(2, kLoad, kBearable_N);
+  const auto share_after = [&](double seconds, double pressed) {
+    for (double s = 0.0; s < seconds; s += kDt_s)
+      test.advance({Vector3::Zero(), 0.0, pressed, {0.0, 0.0, 99.0, 0.0}, kBearable_N}, quick, kDt_s);
+    return test.pull_W().force_N.norm() / kLoad.force_N.norm();
+  };
+  EXPECT_EQ(share_after(0.1, 0.0), 0.0);
+  EXPECT_NEAR(share_after(0.38, 0.4), 0.39, 0.01);
+  EXPECT_NEAR(share_after(0.25, 0.4), 1.0, 1e-6);
+  EXPECT_EQ(test.result(2), GraspPull::Result::kNone);
 }
 
 TEST(GraspPull, ALimbThatGripsAnewIsTestedAnew) {
@@ -191,14 +213,16 @@ TEST_F(PulledGrasp, ThatGivesWayIsOpenedAndMadeAnewBesideIt) {
 TEST_F(PulledGrasp, IsLoadedWithMoreThanItIsToBearBeforeThePlanGoesOn) {
   const double pull_N = this->pull_N();
   ASSERT_EQ(phase(), static_cast<int>(LimbPhase::kLoad));
-  double most_N = 0.0;
+  double taking_up_N = 0.0, most_N = 0.0;
   for (int i = 0; i < 3000 && !run_.result.state.plan_complete; ++i) {
     run_.step();
-    most_N = std::max(most_N, force_N());
+    double& seen_N = phase() == static_cast<int>(LimbPhase::kLoad) ? taking_up_N : most_N;
+    seen_N = std::max(seen_N, force_N());
   }
   EXPECT_TRUE(run_.result.state.plan_complete);
   EXPECT_GT(most_N, 5.0);
   EXPECT_GT(pull_N, 1.1 * most_N);
+  EXPECT_LT(taking_up_N, 1.01 * pull_N);
 }
 
 TEST_F(PulledGrasp, IsPulledNoHarderThanTheJointsOfOtherLimbsBear) {
