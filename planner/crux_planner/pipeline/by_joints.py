@@ -18,7 +18,7 @@ from crux_planner.model.schedule import Schedule
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.refusals import eased, refused_by, slowed
 from crux_planner.pipeline.session import Session
-from crux_planner.trajectory.exact import solve_within_torques
+from crux_planner.trajectory.exact import TOO_WEAK, solve_within_torques
 from crux_planner.trajectory.joint_rows import ELBOW, JointFunctions, JointLimits
 from crux_planner.trajectory.solution import Start
 
@@ -35,17 +35,22 @@ _NEAR_M = 0.02  # of the map's path, where links come too near to each other; a 
 
 def solve_by_joints(
     session: Session, problem: Problem, schedule: Schedule, first: Start, functions: JointFunctions
-) -> PlanResult | None:
-    """A checked plan for a schedule; what the check refuses is answered, `ROUNDS` times at most."""
+) -> PlanResult | int | None:
+    """A checked plan for a schedule; what the check refuses is answered, `ROUNDS` times at most. Or the knot at which
+    motors are too weak for the contacts, None where there is no plan for another reason.
+    """
     work, start = session.work, first
     limits = JointLimits.about(first.body, PLAN_RAD)
     for _ in range(ROUNDS):
         with work.part("nlp", 0.5):
             functions = functions.within(limits)
             solution = solve_within_torques(problem, schedule, start, session.deadline, functions)
-            if not solution.solved and not functions.damping:  # then with damped steps from here on
+            astray = not solution.solved and solution.status != TOO_WEAK
+            if astray and not functions.damping:  # then with damped steps from here on
                 functions = functions.damped()
                 solution = solve_within_torques(problem, schedule, start, session.deadline, functions)
+        if solution.status == TOO_WEAK:
+            return max(solution.torque_shares.items(), key=lambda each: each[1])[0][0]
         if not solution.solved:
             return None
         with work.part("message", 0.8):

@@ -43,16 +43,18 @@ LOOKS, WAYS = 3000, 8  # at moves for one way of stances, and ways
 QUICK, NEAR_MOVES = (300, 2), 12  # the same, and moves to a goal that is not far
 SPARE_KNOTS = (1, 2, 4)  # a move, beyond what the swings need
 HALVES_M = (0.01, 0.02, 0.04, 0.08)  # how far the first solution may be off the path of the map
+MOST_WEAK = 2  # horizons for which motors are too weak until no longer one is tried
 MORE_KNOTS = 4  # for the body's path beyond what the estimates give it
 AIMS = 12  # goal poses tried for one at which four limbs hold
 LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 
 
-def plan_by_map(climb: Climb, quick: bool = False) -> tuple[PlanResult, Problem] | None:
+def plan_by_map(climb: Climb, refused: set[Step], quick: bool = False) -> tuple[PlanResult, Problem] | None:
     """A checked plan and its problem; None where none is found, or start or goal are tilted. Grasps in the middle of
     their faces come first, then also those off it.
 
-    `quick`: only with the former, and few looks at moves; none where the goal is far.
+    `refused` are moves between the former that are left out, and those found to give no plan are added. `quick`: only
+    with the former, and few looks at moves; none where the goal is far.
     """
     given = climb.problem
     tilts = np.abs([given.start.rpy_rad[:2], given.goal.body.rpy_rad[:2]])
@@ -68,7 +70,8 @@ def plan_by_map(climb: Climb, quick: bool = False) -> tuple[PlanResult, Problem]
             search = next((each for each in _searches(climb) if len(each.goals)), None)
         if search is None or (quick and search.ahead(given.start_contacts) > NEAR_MOVES):
             continue
-        if (found := _planned(climb, search, *(QUICK if quick else (LOOKS, WAYS)))) is not None:
+        without = set[Step]() if off_centre else refused
+        if (found := _planned(climb, search, without, *(QUICK if quick else (LOOKS, WAYS)))) is not None:
             return found, search.problem
         if climb.session.late:
             return None
@@ -92,9 +95,9 @@ def _searches(climb: Climb) -> Iterator[MapSearch]:
         yield MapSearch(PoseMasks(each, robot, grid, SEARCH_RAD), Footing(each, grid), climb.oracles.swings)
 
 
-def _planned(climb: Climb, search: MapSearch, looks: int, ways: int) -> PlanResult | None:
-    """By one way of stances after the other."""
-    problem, session, without = search.problem, climb.session, set[Step]()
+def _planned(climb: Climb, search: MapSearch, without: set[Step], looks: int, ways: int) -> PlanResult | None:
+    """By one way of stances after the other; moves that give no plan are added to those it goes `without`."""
+    problem, session = search.problem, climb.session
     knot_m, (step_m, *others) = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s, FINE
     grid = grid_about(problem, knot_m / np.ceil(knot_m / step_m), *others)  # so that the body may be as fast as it may
     fine = PoseMasks(problem, session.robot, grid, PATH_RAD, OFF_M)
@@ -122,13 +125,15 @@ class _ByMap:
         self.climb, self.problem, self.masks = climb, problem, masks
         self.footing = Footing(problem, masks.grid)
         self.functions = JointFunctions(problem, reaches_of(climb.session.robot), UNLIMITED)
+        self._weak = 0  # horizons of one way for which motors are too weak
 
     def plan(self, way: list[Step]) -> PlanResult | int:
         """A checked plan, or the number of the move that is to blame for there being none."""
         at = self.problem.start.position_m
         moves = [Move(before, after, (limb,), at, at) for before, limb, after in way]
-        if (found := self._cheaper(moves)) is not None:
-            return found
+        self._weak = 0
+        if (cheaper := self._cheaper(moves)) is not None:
+            return cheaper
         swings, blamed, refused = self.climb.oracles.swings, -1, 0
         quickest = np.array([swings.intervals(m.before[i], m.after[i]) for m in moves for i in m.limbs], dtype=int)
         away_m = np.abs(self.problem.goal.body.position_m - self.problem.start.position_m).max()
@@ -142,15 +147,14 @@ class _ByMap:
             schedule = _schedule(problem, self.climb, moves, quickest)
             with self.climb.work.part("body", 0.4):
                 start = self._start(problem, schedule)
-            if isinstance(start, int):
-                before, blamed = blamed, _move_at(schedule, start)
-                if before == blamed:
+            found = self._solved(problem, schedule, start)
+            if isinstance(found, PlanResult):
+                return found
+            if isinstance(found, int):
+                before, blamed = blamed, _move_at(schedule, found)
+                if before == blamed or self._weak >= MOST_WEAK:
                     break  # more time does not help
                 continue
-            if start is not None:
-                found = solve_by_joints(self.climb.session, problem, schedule, start, self.functions)
-                if found is not None:
-                    return found
             refused += 1
             if refused == len(SPARE_KNOTS) or self.climb.session.late:
                 break  # as much time as there is helps no better
@@ -194,14 +198,21 @@ class _ByMap:
             schedule = at_knots(problem, swings, timed.moves, timed.stances, timed.swings)
             with self.climb.work.part("body", 0.4):
                 start = self._start(problem, schedule)
-            if isinstance(start, Start):
-                return solve_by_joints(self.climb.session, problem, schedule, start, self.functions)
-            if start is None:
-                return None
+            if not isinstance(start, int):
+                found = self._solved(problem, schedule, start)
+                return found if isinstance(found, PlanResult) else None
             longer = timed.stances.copy()
             longer[_move_at(schedule, start) + (start > len(schedule.contacts) - 3)] += 1
             timed = replace(timed, stances=longer)
         return None
+
+    def _solved(self, problem: Problem, schedule: Schedule, start: Start | int | None) -> PlanResult | int | None:
+        """A checked plan; or the knot at which the path ends or motors are too weak, None for another reason."""
+        if not isinstance(start, Start):
+            return start
+        found = solve_by_joints(self.climb.session, problem, schedule, start, self.functions)
+        self._weak += isinstance(found, int)
+        return found
 
     def _start(self, problem: Problem, schedule: Schedule) -> Start | int | None:
         """Where the exact P1 starts; or the knot at which the body's path ends, None where no wrenches go with it."""

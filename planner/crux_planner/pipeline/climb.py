@@ -19,6 +19,7 @@ from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.map_search import Step
 from crux_planner.search.stances import ANY, Oracles, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
@@ -68,14 +69,15 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     """By map; where that finds nothing soon, with limbs in their boxes, then by map with grasps off the middle too, and
     last with limbs in the larger convex pieces of their reach.
     """
-    if (quick := plan_by_map(climb, quick=True)) is not None:
+    refused = set[Step]()
+    if (quick := plan_by_map(climb, refused, quick=True)) is not None:
         return _with_gap(climb, *quick)
     try:
         return _plan_level(climb, True, climb.session.share_of_time(LEVEL_SHARE))
     except InfeasibleError as none_near:
         none_level = none_near
     proof = disproved(climb, none_level)
-    if (found := plan_by_map(climb)) is not None:
+    if (found := plan_by_map(climb, refused)) is not None:
         return _with_gap(climb, *found)
     try:
         return _plan_level(farther(climb), False, climb.session.share_of_time(LEVEL_SHARE))

@@ -141,7 +141,7 @@ class Planner:
         """With other headings and grasps, in up to `most` steps."""
         scenario = rewritten(climb.session.scenario, steps=most)
         problem = build_problem(scenario, self.robot, reach=self.problem.limb_reach)
-        found = plan_by_map(replace(_for(climb, scenario), oracles=Oracles.of(problem)))
+        found = plan_by_map(replace(_for(climb, scenario), oracles=Oracles.of(problem)), set())
         return None if found is None else found[0]
 
     def _anew(

@@ -232,7 +232,7 @@ def finish(
         far = climb.problem.farther()
         if far is not climb.problem and climb is first:
             quiet = replace(climb.session, work=replace(climb.work, log=lambda _line: None))
-            found: PlanResult | InfeasibleError | None
+            found: PlanResult | InfeasibleError | int | None
             if functions is None:
                 found = _finish_as_it_is(replace(climb, session=quiet).of(far), schedule, start, FAR_CUTS)
             else:

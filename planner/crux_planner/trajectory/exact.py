@@ -22,6 +22,8 @@ from crux_planner.trajectory.windows import minimise_within, windows
 
 _TORQUE_WATCH, _TORQUE_TOLERANCE = 0.8, 1e-3  # shares of a limit from which a place is watched, and violated
 _TORQUE_ROUNDS = 5
+TOO_WEAK = "joint torques"
+"""Status of a solution beyond its torques, where none within them is found."""
 
 
 def solve_within_torques(
@@ -30,6 +32,7 @@ def solve_within_torques(
     """Solve P1 for a schedule; `functions` are those of this problem, if they are there already."""
     functions = functions or StageFunctions(problem)
     limited: frozenset[Place] = frozenset()
+    beyond: Solution | None = None
     if start.near:
         stages = StageProblem(functions, problem, schedule, limited)
         limited = _watched(stages.torque_shares(start.body, columns_of(stages, start)))
@@ -39,15 +42,16 @@ def solve_within_torques(
             problem = replace(problem, torque_limits_Nm=problem.last_torques_Nm)
             found = _solve_once(functions, problem, schedule, start, limited, deadline)
         if found is None:
-            nowhere = (np.inf, np.inf, dict[Place, float](), problem.torque_limits_Nm)
-            status = "Time is over" if clock.now() > deadline else "not converged"
-            return Solution(start.body, start.wrenches, np.inf, 0, status, False, *nowhere)
+            break
         if max(found.torque_shares.values()) <= 1.0 + _TORQUE_TOLERANCE:
             return found
         limited |= _watched(found.torque_shares)
-        start = found.start
-    assert found is not None
-    return replace(found, solved=False, status="joint torques")
+        beyond, start = found, found.start
+    if beyond is not None and clock.now() <= deadline:
+        return replace(beyond, solved=False, status=TOO_WEAK)
+    nowhere = (np.inf, np.inf, dict[Place, float](), problem.torque_limits_Nm)
+    status = "Time is over" if clock.now() > deadline else "not converged"
+    return Solution(start.body, start.wrenches, np.inf, 0, status, False, *nowhere)
 
 
 def _watched(shares: dict[Place, float]) -> frozenset[Place]:

@@ -217,6 +217,19 @@ def test_a_start_from_which_nothing_converges_is_said_not_to_be_solved(monkeypat
         assert found.status == status
 
 
+def test_motors_too_weak_for_a_limb_are_told_from_rows_that_contradict_each_other() -> None:
+    problem, schedule, path = instance("steep")
+    limits = problem.torque_limits_Nm.copy()
+    limits[1] *= 0.3
+    weak = replace(problem, torque_limits_Nm=limits, last_torques_Nm=limits)
+    found = solve_within_torques(weak, schedule, start_from_path(problem, path), clock.now() + 30)
+    assert not found.solved
+    assert found.status == exact.TOO_WEAK
+    (_, limb), share = max(found.torque_shares.items(), key=lambda place: place[1])
+    assert limb == 1
+    assert share > 1.5
+
+
 def test_torques_asked_for_in_a_solution_are_kept_by_knots_about_them_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, schedule, path = instance("steep")
     roomy = replace(problem, torque_limits_Nm=10 * problem.torque_limits_Nm)
