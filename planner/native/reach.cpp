@@ -9,6 +9,7 @@
 namespace {
 
 constexpr std::size_t kBlock = 64;
+constexpr std::size_t kFrames = 6;
 
 using Vector = std::array<double, 3>;
 using Column = std::array<double, kBlock>;
@@ -98,7 +99,7 @@ void within_limits(const crux_reach_arm& arm, Block& block, std::size_t count) {
 }
 
 /// Frames of capsules, by number.
-std::array<Frame, 5> frames(const crux_reach_arm& arm, const Block& block, std::size_t i) {
+std::array<Frame, kFrames> frames(const crux_reach_arm& arm, const Block& block, std::size_t i) {
   const double cr = block.in[CosRoll][i];
   const double sr = block.in[SinRoll][i];
   const double cp = block.in[CosPitch][i];
@@ -125,7 +126,8 @@ std::array<Frame, 5> frames(const crux_reach_arm& arm, const Block& block, std::
            {shoulder + arm.upper_m * upper, forearm, side, cross(forearm, side)},
            {wrist, rolled, side, cross(rolled, side)},
            {wrist, rolled, tilted, cross(rolled, tilted)},
-           {place, along, cross(up, along), up}}};
+           {place, along, cross(up, along), up},
+           {shoulder, {ca, sa, 0.0}, side, {0.0, 0.0, 1.0}}}};
 }
 
 Vector placed(const Frame& frame, const double* point) {
@@ -195,7 +197,7 @@ bool keeps_off(const crux_reach_box& box, const Vector& first, const Vector& las
 }
 
 bool off_trunk(const crux_reach_arm& arm, const Block& block, std::size_t i) {
-  const std::array<Frame, 5> at = frames(arm, block, i);
+  const std::array<Frame, kFrames> at = frames(arm, block, i);
   for (std::int64_t k = 0; k < arm.capsules; ++k) {
     const crux_reach_capsule& capsule = arm.links[k];
     const Frame& frame = at[static_cast<std::size_t>(capsule.frame)];
@@ -210,11 +212,63 @@ bool off_trunk(const crux_reach_arm& arm, const Block& block, std::size_t i) {
   return true;
 }
 
-}  // namespace
+double dot(const Vector& a, const Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-void crux_reach(const crux_reach_arm* arm, const crux_reach_poses* poses, uint8_t* reached) {
+/// 0 where the whole is none: parallel segments, or points.
+double ratio(double part, double whole) { return whole > 1e-15 ? std::clamp(part / whole, 0.0, 1.0) : 0.0; }
+
+/// Between two segments; a point is one, too.
+double distance(const Vector& a0, const Vector& a1, const Vector& b0, const Vector& b1) {
+  const Vector u = a1 - a0;
+  const Vector v = b1 - b0;
+  const Vector off = a0 - b0;
+  const double uu = dot(u, u);
+  const double vv = dot(v, v);
+  const double uv = dot(u, v);
+  const double uo = dot(u, off);
+  const double vo = dot(v, off);
+  double s = ratio(uv * vo - uo * vv, uu * vv - uv * uv);
+  const double t = ratio(uv * s + vo, vv);
+  s = ratio(uv * t - uo, uu);
+  const Vector way = off + (s * u - t * v);
+  return std::sqrt(dot(way, way));
+}
+
+/// Whether boxes around two capsules are apart: quick, and enough for most.
+bool boxes_apart(const double* a0, const double* a1, const double* b0, const double* b1, double by_m) {
+  for (std::size_t a = 0; a < 3; ++a) {
+    if (std::max(std::min(a0[a], a1[a]) - std::max(b0[a], b1[a]), std::min(b0[a], b1[a]) - std::max(a0[a], a1[a])) >=
+        by_m) {
+      return true;
+    }
+  }
+  return false;
+}
+
+bool pose_apart(const crux_reach_capsules& one, const crux_reach_capsules& two, std::int64_t pose, double clear_m,
+                bool hands) {
+  for (std::int64_t i = 0; i < one.count; ++i) {
+    const double* a0 = one.starts + 3 * (pose * one.count + i);
+    const double* a1 = one.ends + 3 * (pose * one.count + i);
+    for (std::int64_t j = 0; j < two.count; ++j) {
+      const double* b0 = two.starts + 3 * (pose * two.count + j);
+      const double* b1 = two.ends + 3 * (pose * two.count + j);
+      const double by_m = one.radius_m[i] + two.radius_m[j] + clear_m;
+      const bool counts = hands || one.hand[i] == 0 || two.hand[j] == 0;
+      if (counts && !boxes_apart(a0, a1, b0, b1, by_m) &&
+          distance(vector(a0), vector(a1), vector(b0), vector(b1)) < by_m) {
+        return false;
+      }
+    }
+  }
+  return true;
+}
+
+/// Calls `use(block, count, first)` for all poses, so many at once, of which the first is number `first`.
+template <typename Use>
+void for_blocks(const crux_reach_arm& arm, const crux_reach_poses& poses, const Use& use) {
   Block block{};
-  const int64_t* shape = poses->shape;
+  const int64_t* shape = poses.shape;
   const std::int64_t row = shape[CRUX_REACH_AXES - 1];
   std::int64_t rows = 1;
   for (std::size_t axis = 0; axis + 1 < CRUX_REACH_AXES; ++axis) {
@@ -223,26 +277,58 @@ void crux_reach(const crux_reach_arm* arm, const crux_reach_poses* poses, uint8_
   for (std::int64_t r = 0; r < rows; ++r) {
     std::array<const double*, CRUX_REACH_INPUTS> at{};
     std::int64_t rest = r;
-    std::copy(std::begin(poses->values), std::end(poses->values), at.begin());
+    std::copy(std::begin(poses.values), std::end(poses.values), at.begin());
     for (std::size_t axis = CRUX_REACH_AXES - 1; axis-- > 0; rest /= shape[axis]) {
       for (std::size_t k = 0; k < CRUX_REACH_INPUTS; ++k) {
-        at[k] += rest % shape[axis] * poses->strides[k][axis];
+        at[k] += rest % shape[axis] * poses.strides[k][axis];
       }
     }
     for (std::int64_t first = 0; first < row; first += static_cast<std::int64_t>(kBlock)) {
       const auto count = static_cast<std::size_t>(std::min<std::int64_t>(row - first, kBlock));
       for (std::size_t k = 0; k < CRUX_REACH_INPUTS; ++k) {
-        const std::int64_t stride = poses->strides[k][CRUX_REACH_AXES - 1];
+        const std::int64_t stride = poses.strides[k][CRUX_REACH_AXES - 1];
         const double* from = at[k] + first * stride;
         for (std::size_t i = 0; i < count; ++i) {
           block.in[k][i] = from[static_cast<std::int64_t>(i) * stride];
         }
       }
-      within_limits(*arm, block, count);
-      for (std::size_t i = 0; i < count; ++i) {
-        const bool ok = block.slack[i] >= 0.0 && (arm->boxes == 0 || off_trunk(*arm, block, i));
-        reached[r * row + first + static_cast<std::int64_t>(i)] = ok ? 1 : 0;
+      within_limits(arm, block, count);
+      use(block, count, r * row + first);
+    }
+  }
+}
+
+}  // namespace
+
+void crux_reach(const crux_reach_arm* arm, const crux_reach_poses* poses, uint8_t* reached) {
+  for_blocks(*arm, *poses, [&](const Block& block, std::size_t count, std::int64_t first) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const bool ok = block.slack[i] >= 0.0 && (arm->boxes == 0 || off_trunk(*arm, block, i));
+      reached[first + static_cast<std::int64_t>(i)] = ok ? 1 : 0;
+    }
+  });
+}
+
+void crux_reach_links(const crux_reach_arm* arm, const crux_reach_poses* poses, double* starts, double* ends) {
+  for_blocks(*arm, *poses, [&](const Block& block, std::size_t count, std::int64_t first) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::array<Frame, kFrames> at = frames(*arm, block, i);
+      std::int64_t to = 3 * arm->all_capsules * (first + static_cast<std::int64_t>(i));
+      for (std::int64_t k = 0; k < arm->all_capsules; ++k, to += 3) {
+        const crux_reach_capsule& capsule = arm->links[k];
+        const Frame& frame = at[static_cast<std::size_t>(capsule.frame)];
+        const Vector start = placed(frame, capsule.start_m);
+        const Vector end = placed(frame, capsule.end_m);
+        std::copy(start.begin(), start.end(), starts + to);
+        std::copy(end.begin(), end.end(), ends + to);
       }
     }
+  });
+}
+
+void crux_reach_apart(const crux_reach_capsules* one, const crux_reach_capsules* two, int64_t poses, double clear_m,
+                      int64_t hands, uint8_t* apart) {
+  for (std::int64_t pose = 0; pose < poses; ++pose) {
+    apart[pose] = pose_apart(*one, *two, pose, clear_m, hands != 0) ? 1 : 0;
   }
 }

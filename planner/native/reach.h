@@ -1,5 +1,5 @@
-/* Whether a limb reaches gripper poses, off its joint limits and off the trunk: the inner map of
- * crux_planner/reach/arm.py with the same operations in the same order. SI units, body frame. */
+/* Whether a limb reaches gripper poses, off its joint limits and off the trunk, and where its links are: the inner map
+ * of crux_planner/reach/arm.py with the same operations in the same order. SI units, body frame. */
 #ifndef CRUX_PLANNER_REACH_H
 #define CRUX_PLANNER_REACH_H
 
@@ -21,7 +21,7 @@ typedef struct {
   double centre_m[3], rotation[9], half_m[3];
 } crux_reach_box;
 
-/* A link's capsule in a frame: 0 to 3 links 2 to 5, 4 the gripper. */
+/* A link's capsule in a frame: 0 to 3 links 2 to 5, 4 the gripper, 5 link 1. */
 typedef struct {
   double start_m[3], end_m[3], radius_m;
   int64_t frame;
@@ -35,7 +35,7 @@ typedef struct {
   double clear_m;
   const crux_reach_box* trunk;
   const crux_reach_capsule* links;
-  int64_t boxes, capsules;
+  int64_t boxes, capsules, all_capsules; /* of `links`, the first `capsules` may meet the trunk */
 } crux_reach_arm;
 
 /* Poses as arrays of 6 axes, by their strides in numbers (0 where an array is the same along an axis): x, y, z, cosine
@@ -49,6 +49,23 @@ typedef struct {
 /* Writes 1 for every pose that is reached, else 0, the last axis fastest. */
 __attribute__((visibility("default"))) void crux_reach(const crux_reach_arm* arm, const crux_reach_poses* poses,
                                                        uint8_t* reached);
+
+/* Writes the ends of all capsules, whether the pose is reached or not: pose by pose, capsule by capsule, x, y and z. */
+__attribute__((visibility("default"))) void crux_reach_links(const crux_reach_arm* arm, const crux_reach_poses* poses,
+                                                             double* starts, double* ends);
+
+/* All capsules of one limb at some poses: ends as above, radii, and 1 for what belongs to the gripper. */
+typedef struct {
+  const double *starts, *ends, *radius_m;
+  const uint8_t* hand;
+  int64_t count;
+} crux_reach_capsules;
+
+/* Writes 1 for every pose at which two limbs keep off each other by a clearance, else 0; unless `hands`, one gripper
+ * may be in the other. */
+__attribute__((visibility("default"))) void crux_reach_apart(const crux_reach_capsules* one,
+                                                             const crux_reach_capsules* two, int64_t poses,
+                                                             double clear_m, int64_t hands, uint8_t* apart);
 
 #ifdef __cplusplus
 }

@@ -198,7 +198,15 @@ class ArmReach:
         return outer.cannot(self.limb, self.certain, low, high)
 
     def links(self, poses: GripperPoses) -> Links:
-        """See `Reach`; the first link comes last."""
+        """See `Reach`; the first link comes last. By numpy where the compiled ones are missing."""
+        compiled = native.library()
+        if compiled is None:
+            return self.links_by_numpy(poses)
+        capsules = (*self.keep_off.links, *self.keep_off.first)
+        return Links(*native.links(compiled, self._native, poses), *solids.radii_and_hands(capsules))
+
+    def links_by_numpy(self, poses: GripperPoses) -> Links:
+        """The same."""
         frames = self._frames(poses, self.posture(poses))
         capsules = (*self.keep_off.links, *self.keep_off.first)
         placed = [(*frames[each.frame], each) for each in capsules]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.reach import native
 from crux_planner.reach.solids import Links
 
 _AT_ONCE = 4096  # poses, for the memory that all pairs of links take
@@ -12,13 +13,13 @@ _AT_ONCE = 4096  # poses, for the memory that all pairs of links take
 
 def apart(first: Links, second: Links, clear_m: float, hands: bool = True) -> Flags:
     """(n,) where two limbs keep their links off each other by a clearance; without `hands`, those of one gripper off
-    the other's are left out: no body pose changes how far these are apart.
+    the other's are left out: no body pose changes how far these are apart. By numpy where the compiled one is missing.
     """
-    found = _boxes_apart(first, second, clear_m)
-    unsure = np.flatnonzero(~found)
-    for some in np.split(unsure, range(_AT_ONCE, len(unsure), _AT_ONCE)):
-        found[some] = gap_m(first, second, some, hands) >= clear_m
-    return found
+    compiled = native.library()
+    if compiled is not None:
+        return native.apart(compiled, first, second, clear_m, hands)
+    some = (slice(at, at + _AT_ONCE) for at in range(0, max(len(first.start_m), 1), _AT_ONCE))
+    return np.concatenate([gap_m(first, second, each, hands) >= clear_m for each in some])
 
 
 def gap_m(first: Links, second: Links, some: Indices | slice = slice(None), hands: bool = True) -> Array:
@@ -54,15 +55,3 @@ def _ratio(part: Array, whole: Array) -> Array:
     """0 where the whole is none: parallel segments, or points."""
     some = whole > 1e-15
     return np.asarray(np.where(some, part / np.where(some, whole, 1.0), 0.0))
-
-
-def _boxes_apart(first: Links, second: Links, clear_m: float) -> Flags:
-    """(n,) where the boxes around two limbs are apart: quick, and enough for most."""
-    (low, high), (their_low, their_high) = _corners(first), _corners(second)
-    return np.asarray((np.maximum(low - their_high, their_low - high) >= clear_m).any(axis=1))
-
-
-def _corners(links: Links) -> tuple[Array, Array]:
-    low, high = np.minimum(links.start_m, links.end_m), np.maximum(links.start_m, links.end_m)
-    radius = links.radius_m[:, None]
-    return (low - radius).min(axis=1), (high + radius).max(axis=1)

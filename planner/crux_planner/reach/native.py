@@ -1,4 +1,4 @@
-"""ctypes binding of libcrux_reach.so: the inner map of arm.py, compiled (planner/native/reach.h says more)."""
+"""ctypes binding of libcrux_reach.so: maps and links of arm.py, compiled (planner/native/reach.h says more)."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import numpy as np
 from crux_contracts.robot import Limb
 
 from crux_planner.model.arrays import Array, Flags
-from crux_planner.model.native import shared_library
+from crux_planner.model.native import doubles, shared_library
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.sector import Sector
-from crux_planner.reach.solids import Solids
+from crux_planner.reach.solids import Links, Solids
 
 NAME = "libcrux_reach.so"
 AXES = 6  # of poses
+_ANY_SIDE = Sector(0.0, 0.0, 0.0)  # where it is of no interest
 
 
 class _Sector(ctypes.Structure):
@@ -49,7 +50,17 @@ class Arm(ctypes.Structure):
         ("clear_m", c_double),
         ("trunk", POINTER(_Box)),
         ("links", POINTER(_Capsule)),
-        *((name, c_int64) for name in ("boxes", "capsules")),
+        *((name, c_int64) for name in ("boxes", "capsules", "all_capsules")),
+    ]
+
+
+class _Capsules(ctypes.Structure):
+    """crux_reach_capsules."""
+
+    _fields_ = [
+        *((name, POINTER(c_double)) for name in ("starts", "ends", "radius_m")),
+        ("hand", POINTER(c_uint8)),
+        ("count", c_int64),
     ]
 
 
@@ -66,6 +77,11 @@ def library() -> ctypes.CDLL | None:
     if loaded is not None:
         loaded.crux_reach.restype = None
         loaded.crux_reach.argtypes = [POINTER(Arm), POINTER(_Poses), POINTER(c_uint8)]
+        loaded.crux_reach_links.restype = None
+        loaded.crux_reach_links.argtypes = [POINTER(Arm), POINTER(_Poses), POINTER(c_double), POINTER(c_double)]
+        loaded.crux_reach_apart.restype = None
+        two = [POINTER(_Capsules), POINTER(_Capsules)]
+        loaded.crux_reach_apart.argtypes = [*two, c_int64, c_double, c_int64, POINTER(c_uint8)]
     return loaded
 
 
@@ -80,7 +96,8 @@ def arm(
 ) -> Arm:
     """A limb with least and most of two joints and the sectors of azimuth, joint 2 and joint 4."""
     boxes = [_Box(_numbers(b.centre_m), _numbers(b.rotation), _numbers(b.half_m)) for b in keep_off.trunk]
-    capsules = [_Capsule(_numbers(c.start_m), _numbers(c.end_m), c.radius_m, c.frame) for c in keep_off.links]
+    shapes = (*keep_off.links, *keep_off.first)
+    capsules = [_Capsule(_numbers(c.start_m), _numbers(c.end_m), c.radius_m, c.frame) for c in shapes]
     return Arm(
         _numbers(limb.shoulder_b_m),
         *(limb.upper_link_m, limb.lower_link_m, limb.wrist_to_gripper_m, least_radius_m),
@@ -90,12 +107,47 @@ def arm(
         (_Box * len(boxes))(*boxes),
         (_Capsule * len(capsules))(*capsules),
         len(boxes),
+        len(keep_off.links),
         len(capsules),
     )
 
 
 def reaches(compiled: ctypes.CDLL, limb: Arm, poses: GripperPoses, side: Sector) -> Flags:
     """Which poses, of up to six axes, are reached; `side` is the sector of joint 6 for their yaws."""
+    given, whole, _kept = _given(poses, side)
+    found = np.empty(whole, dtype=np.bool_)
+    compiled.crux_reach(limb, given, _bytes(found))
+    return found.reshape(poses.shape)
+
+
+def links(compiled: ctypes.CDLL, limb: Arm, poses: GripperPoses) -> tuple[Array, Array]:
+    """Both ends (..., P, 3) of all capsules at poses of up to six axes, in the body frame."""
+    given, whole, _kept = _given(poses, _ANY_SIDE)
+    start, end = (np.empty((*whole, limb.all_capsules, 3)) for _ in range(2))
+    compiled.crux_reach_links(limb, given, doubles(start), doubles(end))
+    shape = *poses.shape, limb.all_capsules, 3
+    return start.reshape(shape), end.reshape(shape)
+
+
+def apart(compiled: ctypes.CDLL, first: Links, second: Links, clear_m: float, hands: bool) -> Flags:
+    """(n,) where two limbs keep their links (n, P, 3) off each other, as `between.apart`."""
+    limbs = []
+    for each in (first, second):
+        parts = [np.ascontiguousarray(part) for part in (each.start_m, each.end_m, each.radius_m)]
+        hand = np.ascontiguousarray(each.hand, dtype=np.bool_)
+        limbs.append((parts, hand, _Capsules(*map(doubles, parts), _bytes(hand), len(hand))))
+    found = np.empty(len(first.start_m), dtype=np.bool_)
+    compiled.crux_reach_apart(limbs[0][2], limbs[1][2], len(found), clear_m, hands, _bytes(found))
+    return found
+
+
+def _bytes(values: Flags) -> Any:
+    """A pointer to a contiguous array of flags, which has to be kept."""
+    return values.ctypes.data_as(POINTER(c_uint8))
+
+
+def _given(poses: GripperPoses, side: Sector) -> tuple[_Poses, tuple[int, ...], list[Array]]:
+    """As the compiled part has them, their shape of six axes, and the memory that is to be kept meanwhile."""
     shape = poses.shape
     x, y, z, yaw, roll, pitch = (np.asarray(each, dtype=float) for each in poses.arrays)
     turns = [turn for angle in (roll, pitch, yaw) for turn in (np.cos(angle), np.sin(angle))]
@@ -107,9 +159,7 @@ def reaches(compiled: ctypes.CDLL, limb: Arm, poses: GripperPoses, side: Sector)
     for index, each in enumerate(kept):
         given.values[index] = ctypes.cast(each.ctypes.data, POINTER(c_double))
         given.strides[index][:] = [stride // each.itemsize for stride in each.strides]
-    found = np.empty(whole, dtype=np.bool_)
-    compiled.crux_reach(limb, given, found.ctypes.data_as(POINTER(c_uint8)))
-    return found.reshape(shape)
+    return given, whole, kept
 
 
 def _sector(sector: Sector) -> _Sector:

@@ -33,7 +33,9 @@ def test_the_gap_between_two_limbs_is_that_of_coal(robot: Robot, pair: tuple[int
     assert (found <= expected + 1e-6)[outside].all()
     assert (found >= expected - PALMS_MORE_M)[outside].all()
     assert (np.abs(found - expected) < 1e-6).mean() > 0.3
-    np.testing.assert_array_equal(apart(links, others, CLEAR_M), found >= CLEAR_M)
+    for hands in (True, False):
+        clear = gap_m(links, others, hands=hands) >= CLEAR_M
+        np.testing.assert_array_equal(apart(links, others, CLEAR_M, hands), clear)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -50,3 +50,17 @@ def test_of_poses_that_are_all_too_far_none_is_looked_at_further(robot: Robot) -
     for reach in closed(robot):
         assert not reach.reaches(far).any()
         assert not reach.reaches_by_numpy(far).any()
+
+
+def test_links_are_where_numpy_has_them(robot: Robot) -> None:
+    random = np.random.default_rng(5)
+    angles = random.uniform(-1.0, 1.0, (3, 300)) * np.array([[3.0], [0.4], [0.4]])
+    for reach in closed(robot):
+        place = reach.limb.shoulder_b_m + random.uniform(-0.4, 0.4, (300, 3))  # out of reach, too
+        poses = GripperPoses(*place.T, *angles)
+        found, expected = reach.links(poses), reach.links_by_numpy(poses)
+        assert found.start_m.shape == (300, len(reach.keep_off.links) + len(reach.keep_off.first), 3)
+        for one, other in ((found.start_m, expected.start_m), (found.end_m, expected.end_m)):
+            np.testing.assert_allclose(one, other, atol=1e-12)
+        one_pose = GripperPoses(*(each[7] for each in poses.arrays))
+        np.testing.assert_array_equal(reach.links(one_pose).start_m, found.start_m[7])
