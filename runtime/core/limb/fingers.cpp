@@ -44,7 +44,7 @@ void Fingers::grasp(const LimbReference& reference, double wanted_N, double dt_s
   if (!reference.point_foot && (reference.gripping() || reference.closing())) {
     grasp_.press(wanted_N, force_N(), opening_m_, dt_s);
   } else {
-    grasp_.open_to(reference.finger_opening_m, dt_s);
+    grasp_.open_to(wanted_opening_m(reference), dt_s);
   }
 }
 

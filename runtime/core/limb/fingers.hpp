@@ -1,6 +1,8 @@
 // The fingers of one gripper: what is measured of them, their actuator's command, and what both say of a hold.
 #pragma once
 
+#include <algorithm>
+
 #include "core/loads/grasp_force.hpp"
 #include "core/plan/reference_player.hpp"
 #include "core/robot/robot_description.hpp"
@@ -32,7 +34,7 @@ class Fingers {
   /// Once a cycle: they have pressed on a hold for long enough.
   bool gripped(const LimbReference& reference, double dt_s) noexcept;
   bool opened(const LimbReference& reference) const noexcept {
-    return opening_m_ >= reference.finger_opening_m - supervisor_.open_tolerance_m;
+    return opening_m_ >= wanted_opening_m(reference) - supervisor_.open_tolerance_m;
   }
 
   /// Presses with `wanted_N` on a hold, opens in the air.
@@ -69,6 +71,11 @@ class Fingers {
   double force_reference_N() const noexcept { return grasp_.force_reference_N(); }
 
  private:
+  /// In the air: as planned, and on leaving a hold that is wider than planned so much further.
+  double wanted_opening_m(const LimbReference& reference) const noexcept {
+    const double found_m = reference.opens_m > 0.0 ? gripped_opening_m_ + reference.opens_m : 0.0;
+    return std::min(std::max(reference.finger_opening_m, found_m), gripper_.opening_m.high);
+  }
   /// They are at their closed stop.
   bool closed() const noexcept;
 

@@ -49,6 +49,9 @@ void play_stance(const PreparedPlan& plan, int k, double u, int l, bool back, Li
 void play_swing_end(const LimbKnot& grasp, const LimbKnot& air, LimbPhase phase, LimbReference& out) {
   out.phase = phase;
   out.finger_opening_m = out.closing() ? grasp.finger_opening_m : air.finger_opening_m;
+  if (phase == LimbPhase::kOpen || phase == LimbPhase::kLift) {
+    out.opens_m = air.finger_opening_m - grasp.finger_opening_m;
+  }
   if (phase == LimbPhase::kDescend || out.closing()) out.friction = grasp.friction;
 }
 

@@ -43,6 +43,7 @@ struct LimbReference {
   Vector3 gripper_position_W_m = Vector3::Zero();
   double gripper_yaw_W_rad = 0.0;
   double finger_opening_m = 0.0;
+  double opens_m = 0.0;     ///< while it leaves a hold: how much further open than on it
   Wrench wrench_W;          ///< on the robot about the gripper centre
   double squeeze_N = 0.0;   ///< of each finger, as planned
   double friction = 0.0;    ///< of the hold gripped or about to be gripped

@@ -40,6 +40,24 @@ TEST(Climb, ReachesThePlansEndAndHolds) {
   EXPECT_LT(largest_joint_step, 1.0 * 0.002);
 }
 
+TEST(Climb, FingersThatGripAWiderHoldThanPlannedComeOffItBeforeTheyLift) {
+  crux_msgs::plan_t plan = sample_plan();
+  for (crux_msgs::plan_knot_t& knot : plan.knots) knot.limbs[0].finger_separation_m -= 0.034;
+  sign(plan);
+  const crux_msgs::limb_knot_t &grip = plan.knots[0].limbs[0], &air = plan.knots[4].limbs[0];
+  const double opens_m = (air.finger_separation_m - grip.finger_separation_m) / 2;
+  Climber run(plan);
+  const double hold_m = run.plant.input().finger_opening_m[0];
+  ASSERT_LT(air.finger_separation_m / 2, hold_m) << "open as planned they would still press";
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.steps(kSettle);
+  run.step(command_t::START);
+  const auto lifts = [&] { return run.result.reference[0].phase == static_cast<int>(LimbPhase::kLift); };
+  for (int i = 0; i < kClimb && !lifts(); ++i) run.step();
+  ASSERT_TRUE(lifts());
+  EXPECT_NEAR(run.plant.input().finger_opening_m[0], hold_m + opens_m, robot().supervisor.open_tolerance_m);
+}
+
 TEST(Climb, TheSameInputsGiveTheSameBits) {
   Climber a(sample_plan()), b(sample_plan());
   for (int i = 0; i < 6000; ++i) {
