@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 def joint_loop_problems(robot: Robot) -> Iterator[Problem]:
     """What is wrong with the gains of section servo, of the first limb at which something is."""
     needed_s = DEAD_TIME_MARGIN * robot.servo.dead_time_s
-    each = (_loops_and_margins(robot, limb) for limb in robot.limbs)
+    each = _loops_and_margins(robot)
     loops, margins_s = next((each for each in each if float(each[1].min()) < needed_s), (None, np.zeros(0)))
     if loops is None:
         return
@@ -43,13 +43,17 @@ def joint_loop_problems(robot: Robot) -> Iterator[Problem]:
 
 def borne_dead_time_s(robot: Robot) -> float:
     """That the joint gains bear with their margin."""
-    margins_s = [_loops_and_margins(robot, limb)[1].min() for limb in robot.limbs]
-    return float(min(margins_s)) / DEAD_TIME_MARGIN
+    return float(min(margins_s.min() for _, margins_s in _loops_and_margins(robot))) / DEAD_TIME_MARGIN
 
 
-def _loops_and_margins(robot: Robot, limb: Limb) -> tuple[JointLoops, Array]:
-    loops = joint_loops(robot, limb, np.array(list(postures(limb))))
-    return loops, loops.delay_margins_s()
+def _loops_and_margins(robot: Robot) -> Iterator[tuple[JointLoops, Array]]:
+    """Of each limb that is not built like one before it, but for rounding."""
+    before: list[Array] = []
+    for limb in robot.limbs:
+        loops = joint_loops(robot, limb, np.array(list(postures(limb))))
+        if not any(np.allclose(loops.inertia, other, rtol=1e-9, atol=1e-12) for other in before):
+            before.append(loops.inertia)
+            yield loops, loops.delay_margins_s()
 
 
 def joint_loops(robot: Robot, limb: Limb, postures_rad: Array) -> JointLoops:
