@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from typing import Any, cast
-
-import cantools
-from cantools.database.can import Database, Message
+from typing import TYPE_CHECKING, Any, cast
 
 from . import robot_bounds
 from .places import MSGS
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database, Message
 
 DBC = MSGS / "can" / "crux.dbc"
 JOINTS = robot_bounds.JOINTS
@@ -61,7 +61,9 @@ class Receiver:
 @cache
 def database() -> Database:
     """The parsed crux.dbc."""
-    return cast(Database, cantools.database.load_file(DBC))
+    from cantools.database import load_file  # loads python-can, too, which few commands need
+
+    return cast("Database", load_file(DBC))
 
 
 def message(name: str, node: int | None = None) -> Message:
@@ -93,6 +95,8 @@ def crc(identifier: int, payload: bytes | bytearray) -> int:
 
 def encode(name: str, values: Values, counter: int = 0, node: int | None = None) -> Frame:
     """A protected frame. Signals left out are 0; Crc and Counter are filled in. Raises CanCodecError."""
+    from cantools.database import EncodeError
+
     kind = message(name, node)
     known = {signal.name for signal in kind.signals}
     unknown = sorted(set(values) - known)
@@ -101,7 +105,7 @@ def encode(name: str, values: Values, counter: int = 0, node: int | None = None)
     full = {signal.name: 0 for signal in kind.signals} | values | {"Crc": 0, "Counter": counter % 256}
     try:
         payload = bytearray(kind.encode(full, scaling=True, strict=True))
-    except (cantools.database.EncodeError, OverflowError, ValueError) as error:
+    except (EncodeError, OverflowError, ValueError) as error:
         raise CanCodecError(f"{kind.name}: {error}") from None
     payload[0:2] = crc(kind.frame_id, payload).to_bytes(2, "little")
     return Frame(kind.frame_id, bytes(payload))
@@ -109,12 +113,14 @@ def encode(name: str, values: Values, counter: int = 0, node: int | None = None)
 
 def decode(frame: Frame) -> Decoded:
     """Physical values, without any check of the protection. Raises CanCodecError for an unknown or short frame."""
+    from cantools.database import DecodeError
+
     try:
         kind = database().get_message_by_frame_id(frame.identifier)
         values = kind.decode(frame.data, decode_choices=False)
     except KeyError:
         raise CanCodecError(f"no message with identifier 0x{frame.identifier:03X}") from None
-    except cantools.database.DecodeError as error:
+    except DecodeError as error:
         raise CanCodecError(f"0x{frame.identifier:03X}: {error}") from None
     name, node = kind.name, None
     if name.startswith("Joint"):
