@@ -57,9 +57,9 @@ def limb_reach(limb: Limb, sections: dict[str, Any]) -> LimbReach:
     grid[1::2] = grid[1::2, ::-1]  # to and fro: each place is near the one before, from whose posture it is found
     flat = grid.reshape(-1, 2)
     places = np.column_stack([flat, np.full(len(flat), height)])
-    places = places[
-        np.argsort(np.linalg.norm(places - shoulder - [0.0, outward * span / 2, 0.0], axis=1), kind="stable")
-    ]
+    places = places[np.linalg.norm(places - shoulder, axis=1) <= span]
+    middle = np.linalg.norm(places - shoulder - [0.0, outward * span / 2, 0.0], axis=1).argmin()
+    places = np.roll(places, -int(middle), axis=0)
     found = []
     least, most = sections["grasp"].gripper_yaw_rad
     for yaw in np.linspace(least, most, YAWS):
