@@ -107,21 +107,43 @@ def test_saved_values_outlive_the_power(boards: tuple[Desk, list[crux_emulated.B
     assert [one.fault for one in emulated] == ["", ""]
 
 
+def await_rest(desk: Desk) -> None:
+    """Waits until the joint's torque has stayed the same for 50 periods."""
+    torques_Nm = [0.0, 1.0]
+    while max(torques_Nm) - min(torques_Nm) > 1e-3 * max(torques_Nm):
+        desk.await_periods(50)
+        torques_Nm = [torque_Nm[LF * JOINTS + JOINT - 1] for torque_Nm in desk.torques_Nm[-50:]]
+
+
 def test_a_joint_keeps_its_torque_while_a_page_is_erased(
     boards: tuple[Desk, list[crux_emulated.Board]], robot: Robot
 ) -> None:
     desk, emulated = boards
-    loaded = TRACKED | {"Position_rad": desk.host.plant.joint_position_rad[LF * JOINTS + JOINT - 1] + 0.05}
-    desk.command(loaded)
-    desk.await_periods(500)
-    desk.command(loaded | {"Mode": HOLD})
-    desk.await_periods(500)
-    begin = len(desk.torques_Nm)
+    flash = emulated[0]
     with link(desk, robot, "LF.2") as joint:
-        for _ in range(2 * PAGE_BYTES // 8 // 8):
+        entry = describe(joint)["setpoint_time_constant_s"]
+        write(joint, entry, entry.least)  # a snapshot is two units: its head and this value
+
+        def erases() -> bool:
+            """Whether the next snapshot begins a page."""
+            flash.record()
             run_routine(joint, "SAVE")
-    torques_Nm = [torque_Nm[LF * JOINTS + JOINT - 1] for torque_Nm in desk.torques_Nm[begin:]]
-    desk.command(None)
+            return flash.recorded == 3
+
+        assert any(erases() for _ in range(2 * PAGE_BYTES // 16))
+        for _ in range(PAGE_BYTES // 16 - 2):
+            assert not erases()
+        loaded = TRACKED | {"Position_rad": desk.host.plant.joint_position_rad[LF * JOINTS + JOINT - 1] + 0.05}
+        desk.command(loaded)
+        await_rest(desk)
+        desk.command(loaded | {"Mode": HOLD})
+        await_rest(desk)
+        begin = len(desk.torques_Nm)
+        assert [erases(), erases()] == [False, True]
+        torques_Nm = [torque_Nm[LF * JOINTS + JOINT - 1] for torque_Nm in desk.torques_Nm[begin:]]
+        desk.command(None)
+        run_routine(joint, "FORGET")
+    power_off_and_on(desk)
     assert torques_Nm[0] > 4.0
     assert max(abs(torque_Nm - torques_Nm[0]) for torque_Nm in torques_Nm) < 0.01 * torques_Nm[0]
     assert [one.fault for one in emulated] == ["", ""]
