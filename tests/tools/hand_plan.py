@@ -214,5 +214,5 @@ def climbing_plan(
         limbs[moving] = _Limb(new_hold, over, yaw)
         add(2)
     body = np.array([advance_m * len(limbs_to_move) / 4, 0.0, BODY_HEIGHT_M])
-    add(4)
+    add(2)
     return finish(wall, knots[:until])

@@ -30,14 +30,14 @@ PRESS_N, PRESS_KNOTS = 24.0, 5
 
 def pressing_plan() -> plan_t:
     """The robot hangs still on four holds and presses LF and RF apart and together, along the line between them."""
-    body_m = np.tile([0.0, 0.0, BODY_HEIGHT_M], (PRESS_KNOTS, 1))
-    plan = standing_plan(body_path_m=body_m)
+    wall, body_m = Wall(dt_s=1.0), np.tile([0.0, 0.0, BODY_HEIGHT_M], (PRESS_KNOTS, 1))
+    plan = standing_plan(wall, body_m)
     for k, knot in enumerate(plan.knots):
         for limb, sign in ((0, 1.0), (1, -1.0)):
             forces_N = np.array(knot.limbs[limb].finger_force_w_n)
             forces_N[[1, 4]] += 0.5 * sign * PRESS_N * math.sin(0.5 * math.pi * k)
             knot.limbs[limb].finger_force_w_n = forces_N.tolist()
-    return finish(Wall(), plan.knots)
+    return finish(wall, plan.knots)
 
 
 def robot_without_bias(folder: Path) -> Robot:

@@ -169,7 +169,7 @@ def test_a_log_without_its_beginning_is_not_called_the_same(
 
 
 def test_runs_side_by_side_with_one_seed_log_the_same_and_another_seed_does_not(tmp_path: Path) -> None:
-    plan = saved(tmp_path, standing_plan())
+    plan = saved(tmp_path, standing_plan(Wall(dt_s=1.0)))
     logs = [tmp_path / f"{name}.mcap" for name in ("one", "two", "other")]
     runs = [start_climb(plan, log, "--seed", "7") for log in logs[:2]]
     for status, result in (climb_here(plan, logs[2], "--seed", "8"), *map(finish_climb, runs)):
@@ -218,7 +218,7 @@ def test_one_process_and_a_runtime_of_its_own_log_the_same(given: str, one_limb:
 
 def test_one_process_and_a_runtime_of_its_own_log_the_same_of_a_robot_that_loses_frames(tmp_path: Path) -> None:
     """Before, while and after they are lost; the robot stands."""
-    file, plan = tmp_path / "faults.yaml", saved(tmp_path, standing_plan())
+    file, plan = tmp_path / "faults.yaml", saved(tmp_path, standing_plan(Wall(dt_s=1.0)))
     file.write_text(FAULTS.replace("4.0", "1.5"))
     logs = {bus: tmp_path / f"{bus}.mcap" for bus in ("memory", "udp")}
     run = start_climb(plan, logs["udp"], "--bus", "udp", "--faults", str(file))

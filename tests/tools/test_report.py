@@ -90,6 +90,7 @@ def _report(source: Path, folder: Path, *more: str) -> tuple[Page, Path]:
     return Page(output.read_text(encoding="utf-8")), output
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_a_climbs_page_has_everything_and_needs_no_network(log_path: Path, tmp_path: Path) -> None:
     page, _ = _report(log_path, tmp_path)
     assert page.sections == LOG_SECTIONS
@@ -105,6 +106,7 @@ def test_a_climbs_page_has_everything_and_needs_no_network(log_path: Path, tmp_p
     assert SCENARIO_YAML in page.words
 
 
+@pytest.mark.usefixtures("undrawn", "small_pictures")
 def test_a_plans_page(plan_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page, output = _report(plan_path, tmp_path, "--json")
     assert page.sections == PLAN_SECTIONS
