@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, settings
 from shared_plans import SharedPlans
 from sweep_record import pytest_runtest_logreport, pytest_sessionfinish  # noqa: F401
 
-LONG_FIRST = ("tests/socketcan", "tests/firmware", "tests/planner")  # so that no long file begins last
+FIRST, LAST = ("tests/socketcan", "tests/firmware", "tests/planner"), ("tests/examples", "tests/msgs")
 
 # Not ignored as in a job in the background, for what tests start inherits that and could not be interrupted.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -63,5 +63,5 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long files first."""
-    items.sort(key=lambda item: not item.nodeid.startswith(LONG_FIRST))
+    """Long files first and short ones last, so that all processes end at about the same time."""
+    items.sort(key=lambda item: item.nodeid.startswith(LAST) - item.nodeid.startswith(FIRST))
