@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from crux_tools.cli import main
 from with_can import CRUX, can_run
 
 BYTES = bytes(range(256)) * 4000
@@ -102,10 +103,13 @@ def test_ending_the_tool_ends_the_guest(tmp_path: Path) -> None:
         (("--virtual-time", "--backend", "qemu", "--", "true"), "only the back-end uml has it"),
     ],
 )
-def test_wrong_usage_is_said(words: tuple[str, ...], said: str) -> None:
-    done = can_run(*words)
-    assert done.returncode == 2
-    assert said in done.stderr.decode()
+def test_wrong_usage_is_said(words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    try:
+        status = main(["can", "run", *words])
+    except SystemExit as ended:
+        status = int(ended.code or 0)
+    assert status == 2
+    assert said in capsys.readouterr().err
 
 
 def test_a_kernel_that_cannot_be_built_is_said(tmp_path: Path) -> None:
