@@ -112,13 +112,14 @@ void Grips::search_hold(const CycleView& now, PlanClock& clock, LimbController& 
     const double slack_m = open_m - grasp.finger_opening_m;
     const Vector3 shift_W_m = std::copysign(slack_m, at_m) * axis_W;
     aims_anew = finger && search.begin(missed_W_m.z(), shift_W_m, control.max_contact_offset_m);
-    // A hand that stands on its hold comes no lower, whatever its encoders say.
     const bool hand = wrench_W.force_N.z() > control.contact_force_N && !finger && events.opened;
-    events.arrived = events.arrived || (hand && missed_W_m.head<2>().norm() <= now.robot.supervisor.arrive_tolerance_m);
+    if (hand && missed_W_m.head<2>().norm() <= now.robot.supervisor.arrive_tolerance_m) search.stand();
   }
+  events.arrived = events.arrived || search.stands();
   if (aims_anew) limb.aim_beside(search.beside_W_m(), reference);
   if (!search.searches() && !aims_anew) return;
   events.arrived = false;
+  events.blocked = true;
   clock.wait_anew();
 }
 

@@ -43,6 +43,10 @@ class HoldSearch {
     return true;
   }
 
+  /// The hand stands on the hold, and comes no lower, whatever its encoders say.
+  void stand() noexcept { stands_ = true; }
+  bool stands() const { return stands_; }
+
   bool searches() const { return step_ != Step::kNone; }  ///< and has not come down yet
   /// From where the limb was sent to where it is to be, in W.
   const Vector3& beside_W_m() const { return beside_W_m_; }
@@ -58,6 +62,7 @@ class HoldSearch {
   }
 
   Step step_ = Step::kNone;
+  bool stands_ = false;
   int tries_ = 0;
   double time_s_ = 0.0;
   Vector3 beside_W_m_ = Vector3::Zero();

@@ -157,7 +157,8 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
   return {.unloaded = unloaded,
           .opened = fingers_.opened(reference),
           .arrived = fingers_.opened(reference) && distance_m <= supervisor_.arrive_tolerance_m,
-          .gripped = fingers_.gripped(reference, dt_s)};
+          .gripped = fingers_.gripped(reference, dt_s),
+          .blocked = reference.phase == LimbPhase::kDescend && caught()};
 }
 
 Pose LimbController::target_W(const LimbReference& reference) const noexcept {

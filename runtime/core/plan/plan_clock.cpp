@@ -98,6 +98,9 @@ void PlanClock::advance(const PreparedPlan& plan, const PerLimb<LimbEvents>& eve
     if (passes(leave_s) && !all_seen(WaitingFor::kOpen, &LimbEvents::opened, events, leaves)) {
       return stop_at(leave_s, dt_s);
     }
+    // What a gripper comes down on is pressed no further by the clock.
+    const auto blocked = [&](int l) { return comes(l) && ahead(arrive_s) && events[l].blocked; };
+    if (!all_seen(WaitingFor::kArrive, &LimbEvents::arrived, events, blocked)) return stop_at(now_.elapsed_s, dt_s);
     if (passes(arrive_s) && !all_seen(WaitingFor::kArrive, &LimbEvents::arrived, events, comes)) {
       return stop_at(arrive_s, dt_s);
     }

@@ -221,6 +221,20 @@ TEST_F(Clock, DoesNotCloseWhileItWaitsForTheArrival) {
   EXPECT_EQ(play(*plan_, clock_.now()).limbs[0].phase, LimbPhase::kDescend);
 }
 
+TEST_F(Clock, StandsWhereAGripperComesDownOnSomethingUntilItHasArrived) {
+  PerLimb<LimbEvents> events = all_seen();
+  advance(events, 10.5);
+  events[0].blocked = true;
+  events[0].arrived = false;
+  const double at_s = clock_.now().seconds(*plan_);
+  advance(events, 5.0);
+  EXPECT_EQ(clock_.now().seconds(*plan_), at_s);
+  EXPECT_EQ(clock_.waiting_for(), WaitingFor::kArrive);
+  events[0].arrived = true;
+  advance(events, 0.5);
+  EXPECT_GT(clock_.now().seconds(*plan_), at_s);
+}
+
 TEST_F(Clock, WaitsForTheGripBeforeItLoads) { expect_stop(&LimbEvents::gripped, 12.0, WaitingFor::kGrip); }
 
 TEST_F(Clock, AsksNothingOfLimbsThatStand) {
