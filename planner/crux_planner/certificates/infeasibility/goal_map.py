@@ -34,7 +34,18 @@ class GoalMap:
 
     def possible(self, stances: list[Grips]) -> list[Grips]:
         """Those that are not ruled out."""
-        return [each for each in stances if np.logical_and.reduce([self._may(*pair) for pair in enumerate(each)]).any()]
+        everything = np.array(stances, dtype=int).reshape(-1, 4)
+        kept = np.arange(len(everything))
+        boxes = np.full((len(everything), 1), 0xFF, dtype=np.uint8)  # a bit for each that is left
+        for limb in range(4):
+            if not len(kept):
+                break
+            numbers, at = np.unique(everything[kept, limb], return_inverse=True)
+            masks = np.array([np.packbits(self._may(limb, number)) for number in numbers.tolist()])
+            boxes = boxes & masks[at]
+            some = boxes.any(axis=1)
+            kept, boxes = kept[some], boxes[some]
+        return [stances[i] for i in kept]
 
     def stuck(self, stances: list[Grips]) -> list[int]:
         """The limbs that none of the stances' grips is in reach of."""
