@@ -17,7 +17,7 @@ import numpy as np
 from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
-from crux_planner.model.schedule import Move, Schedule
+from crux_planner.model.schedule import Move, Schedule, stance_after
 from crux_planner.pipeline.by_joints import UNLIMITED, solve_by_joints
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.solve_and_check import Climb, cheaper_near
@@ -46,6 +46,7 @@ HALVES_M = (0.01, 0.02, 0.04, 0.08)  # how far the first solution may be off the
 MOST_WEAK = 2  # horizons for which motors are too weak until no longer one is tried
 MORE_KNOTS = 4  # for the body's path beyond what the estimates give it
 AIMS = 12  # goal poses tried for one at which four limbs hold
+_SAME_M = 1e-4  # between grippers at one place
 LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 
 
@@ -114,8 +115,21 @@ def _planned(climb: Climb, search: MapSearch, without: set[Step], looks: int, wa
             climb.work.cut_short = True
         if session.late or not way:
             return None
-        without.add(way[found])
+        without |= _turned(problem, way[found]) if planner.weak else {way[found]}
     return None
+
+
+def _turned(problem: Problem, step: Step) -> set[Step]:
+    """A move, and those with all grippers at the same places and turned otherwise: motors bear these no better."""
+    before, limb, after = step
+    places = np.array([contact.centre_h_m for contact in problem.contacts])
+
+    def there(contact: int) -> list[int]:
+        return np.flatnonzero(np.linalg.norm(places - places[contact], axis=1) < _SAME_M).tolist()
+
+    one, two, three, four = (there(contact) for contact in before)
+    stances = itertools.product(one, two, three, four)
+    return {(each, limb, stance_after(each, (limb,), (end,))) for each in stances for end in there(after[limb])}
 
 
 class _ByMap:
@@ -125,13 +139,13 @@ class _ByMap:
         self.climb, self.problem, self.masks = climb, problem, masks
         self.footing = Footing(problem, masks.grid)
         self.functions = JointFunctions(problem, reaches_of(climb.session.robot), UNLIMITED)
-        self._weak = 0  # horizons of one way for which motors are too weak
+        self.weak = 0  # horizons of one way for which motors are too weak
 
     def plan(self, way: list[Step]) -> PlanResult | int:
         """A checked plan, or the number of the move that is to blame for there being none."""
         at = self.problem.start.position_m
         moves = [Move(before, after, (limb,), at, at) for before, limb, after in way]
-        self._weak = 0
+        self.weak = 0
         if (cheaper := self._cheaper(moves)) is not None:
             return cheaper
         swings, blamed, refused = self.climb.oracles.swings, -1, 0
@@ -152,7 +166,7 @@ class _ByMap:
                 return found
             if isinstance(found, int):
                 before, blamed = blamed, _move_at(schedule, found)
-                if before == blamed or self._weak >= MOST_WEAK:
+                if before == blamed or self.weak >= MOST_WEAK:
                     break  # more time does not help
                 continue
             refused += 1
@@ -211,7 +225,7 @@ class _ByMap:
         if not isinstance(start, Start):
             return start
         found = solve_by_joints(self.climb.session, problem, schedule, start, self.functions)
-        self._weak += isinstance(found, int)
+        self.weak += isinstance(found, int)
         return found
 
     def _start(self, problem: Problem, schedule: Schedule) -> Start | int | None:

@@ -13,8 +13,9 @@ from crux_planner.checker import CheckReport, Violation
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES
+from crux_planner.model.schedule import stance_after
 from crux_planner.pipeline.by_joints import _answered
-from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD
+from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD, _turned
 from crux_planner.reach.arm import reaches_of
 from crux_planner.search.ends import level_aims
 from crux_planner.search.map_search import MapSearch
@@ -74,3 +75,21 @@ def test_a_field_is_climbed_with_grips_beyond_the_convex_reach(robot: Robot, see
             place = turn.T @ (np.array(each.gripper_position_w_m) - knot.body_position_w_m)
             beyond.append(float(inner.beyond(limb, place).max()))
     assert max(beyond) > 0.01
+
+
+def test_a_move_too_heavy_for_the_motors_is_left_out_with_all_that_turns_grippers_alone(robot: Robot) -> None:
+    problem = build_problem(parse_scenario(random_field(403)), robot, off_centre=True)
+    start, contacts = problem.start_contacts, problem.contacts
+    limb, end = 1, next(c for c in problem.limb_contacts[1] if contacts[c].hold != contacts[start[1]].hold)
+    step = start, limb, stance_after(start, (limb,), (end,))
+    found = _turned(problem, step)
+    assert step in found
+    for before, moved, after in found:
+        assert moved == limb
+        assert [a for i, a in enumerate(after) if i != limb] == [b for i, b in enumerate(before) if i != limb]
+        for one, other in zip((*before, after[limb]), (*start, end), strict=True):
+            np.testing.assert_allclose(contacts[one].centre_h_m, contacts[other].centre_h_m, atol=1e-4)
+    ends = {after[limb] for _, _, after in found}
+    same = [c for c, each in enumerate(contacts) if np.allclose(each.centre_h_m, contacts[end].centre_h_m, atol=1e-4)]
+    assert ends == set(same)
+    assert len(ends) < sum(each.hold == contacts[end].hold for each in contacts)  # not those off the middle
