@@ -43,7 +43,7 @@ def test_what_no_time_changes_is_answered_by_even_intervals_and_the_rest_by_long
         step_s = np.array([0.2, 0.4, 1.0, 0.3, 0.2])
         found = Violation(constraint, "LF", None, 0.5, 0.01, "rad")  # in the second interval
         assert _lengthen(step_s, CheckReport(violations=[found]))
-        return step_s.tolist()
+        return [float(v) for v in step_s]
 
     assert lengthened("joint_position") == [1.0, 1.0, 1.0, 0.3, 0.2]
     assert lengthened("joint_speed") == pytest.approx([0.24, 0.48, 1.2, 0.3, 0.2])

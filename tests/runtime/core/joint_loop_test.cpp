@@ -146,7 +146,8 @@ TEST(Oscillation, InHoldingItIsAnsweredByTheNodesOwnHold) {
   int cycles = 0;
   for (; cycles < 1000 && !run.result.has_fault; ++cycles) {
     const double before_rad = run.plant.input().joint_position_rad[9];
-    run.plant.input().joint_position_rad[9] += 0.004 * std::sin(2.0 * std::numbers::pi * 20.0 * kDt_s * cycles);
+    run.plant.input().joint_position_rad[9] +=
+        1.5 * robot().supervisor.oscillation_rad * std::sin(2.0 * std::numbers::pi * 20.0 * kDt_s * cycles);
     run.step();
     run.plant.input().joint_position_rad[9] = before_rad;
   }
