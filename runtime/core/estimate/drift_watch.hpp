@@ -35,6 +35,7 @@ class DriftWatch {
   StanceParameters parameters_;
   Told told_;
   int suspected_ = -1;
+  int looks_ = 0;          ///< at what moved, in a row
   bool moves_ = false;     ///< what is suspected, in the last second
   double waited_s_ = 0.0;  ///< for it
   int cleared_ = 0;        ///< suspicions that were none

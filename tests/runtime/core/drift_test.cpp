@@ -10,17 +10,29 @@ using crux_msgs::command_t;
 
 constexpr int kLimb = 3;
 
+/// A cycle in which the limb's encoders read `off_rad` more than there is.
+void step_off(Climber& run, const JointVector& off_rad) {
+  double* const q_rad = run.plant.input().joint_position_rad + kLimb * kJoints;
+  const JointVector there_rad = Eigen::Map<JointVector>(q_rad);
+  Eigen::Map<JointVector>{q_rad} += off_rad;
+  run.core.step(run.plant.input(), run.result);
+  Eigen::Map<JointVector>{q_rad} = there_rad;
+  run.plant.obey(run.result);
+}
+
+/// How much the limb's joints turn in a second where its gripper goes this way in the body frame.
+JointVector turning(Climber& run, const Vector3& way_m) {
+  LimbKinematics kinematics(robot().limbs[kLimb]);
+  LimbState state;
+  kinematics.evaluate(JointVector(run.plant.input().joint_position_rad + kLimb * kJoints), state);
+  Vector6 way;
+  way << way_m, Vector3::Zero();
+  return state.jacobian_B.inverse() * way;
+}
+
 class Drifts : public Climbing {
  protected:
-  /// A cycle in which the limb's encoders read `off_rad` more than there is.
-  void step(const JointVector& off_rad) {
-    double* const q_rad = run_.plant.input().joint_position_rad + kLimb * kJoints;
-    const JointVector there_rad = Eigen::Map<JointVector>(q_rad);
-    Eigen::Map<JointVector>{q_rad} += off_rad;
-    run_.core.step(run_.plant.input(), run_.result);
-    Eigen::Map<JointVector>{q_rad} = there_rad;
-    run_.plant.obey(run_.result);
-  }
+  void step(const JointVector& off_rad) { step_off(run_, off_rad); }
   double load_N() const { return Vector3(run_.result.telemetry[kLimb].force_reference_w_n).norm(); }
   void expect_answered(FaultCode code, double before_N) {
     EXPECT_EQ(run_.result.fault.code, static_cast<int>(code));
@@ -52,18 +64,31 @@ TEST_F(Drifts, AnEncoderIsToldByItsJointBeforeItIsFarOff) {
 
 TEST_F(Drifts, AHoldThatGivesWayIsToldBeforeItHasMovedFar) {
   const double before_N = load_N();
-  LimbKinematics kinematics(robot().limbs[kLimb]);
-  JointVector q_rad = Eigen::Map<JointVector>(run_.plant.input().joint_position_rad + kLimb * kJoints);
-  LimbState state;
-  kinematics.evaluate(q_rad, state);
-  Vector6 way;
-  way << -0.0012, 0.0008, 0.0004, Vector3::Zero();  // in a second, and no turn
-  const JointVector off_rad_s = state.jacobian_B.inverse() * way;
+  const Vector3 way_m(-0.0012, 0.0008, 0.0004);  // in a second
+  const JointVector off_rad_s = turning(run_, way_m);
   double time_s = 0.0;
   for (int i = 0; i < 2000 && !run_.result.has_fault; ++i) step(off_rad_s * (time_s += run_.plant.input().dt_s));
   ASSERT_TRUE(run_.result.has_fault);
-  EXPECT_LT(time_s * way.norm(), 0.005);
+  EXPECT_LT(time_s * way_m.norm(), 0.005);
   expect_answered(FaultCode::kHoldCreeps, before_N);
+}
+
+/// Before the plan has begun: whether a motion of 1.5 mm/s that lasts so long is told.
+bool told_before_start(double lasts_s) {
+  Climber run(sample_plan());
+  EXPECT_TRUE(run.until(SupervisorState::kReady, 20));
+  const JointVector off_rad_s = turning(run, {-0.0012, 0.0008, 0.0004});
+  for (double time_s = 0.0; time_s < 4.0 && !run.result.has_fault; time_s += run.plant.input().dt_s)
+    step_off(run, off_rad_s * std::min(time_s, lasts_s));
+  if (run.result.has_fault) {
+    EXPECT_EQ(run.result.fault.code, static_cast<int>(FaultCode::kHoldCreeps));
+  }
+  return run.result.has_fault;
+}
+
+TEST(DriftsBeforeStart, WhatSettlesIsNoCreepAndWhatGoesOnIs) {
+  EXPECT_FALSE(told_before_start(1.2));
+  EXPECT_TRUE(told_before_start(4.0));
 }
 
 }  // namespace
