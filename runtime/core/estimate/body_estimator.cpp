@@ -10,7 +10,7 @@ namespace {
 constexpr double kRelativeDamping = 1e-6;
 
 // The body makes way fast against the admittance of a limb, and comes back slowly.
-constexpr double kWay_1_s = 20.0, kWayBack_1_s = 0.02;
+constexpr double kWay_1_s = 20.0, kWayBack_1_s = 0.2;
 
 }  // namespace
 

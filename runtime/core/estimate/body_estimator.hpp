@@ -50,7 +50,7 @@ class BodyCorrection {
   /// Integrates one period and returns the commanded body pose, W <- B.
   Pose update(const Pose& reference_W, const Pose& estimate_W, double dt_s) noexcept;
 
-  static constexpr double kMaxWay_m = 0.015;
+  static constexpr double kMaxWay_m = 0.03;
 
  private:
   double gain_1_s_;

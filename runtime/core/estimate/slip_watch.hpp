@@ -46,7 +46,9 @@ class SlipWatch {
   int block_cycles_ = 0;
   int used_up_cycles_ago_ = 0;
   double witnessed_s_ = 0.0;
-  Eigen::Vector2d from_m_ = Eigen::Vector2d::Zero(), rest_m_ = Eigen::Vector2d::Zero();  ///< along the faces
+  double used_up_at_ = 0.0;                           ///< `used` when it was used up last
+  Eigen::Vector2d from_m_ = Eigen::Vector2d::Zero();  ///< where its slip began, along the faces
+  Eigen::Vector2d last_m_ = Eigen::Vector2d::Zero(), rest_m_ = Eigen::Vector2d::Zero();
   double still_s_ = 0.0, slid_m_ = 0.0;
   double relief_ = 1.0;
 };

@@ -209,12 +209,14 @@ void StanceFit::look_back(int window, double dt_s) noexcept {
 }
 
 double StanceFit::slid_m(int limb) const noexcept {
-  return beyond_play(limbs_[limb], since_contact_[limb], limbs_[limb].cycles).shift_G_m.tail<2>().norm();
+  const Misfit slid = beyond_play(limbs_[limb], since_contact_[limb], limbs_[limb].cycles);
+  return std::max(slid.shift_G_m.tail<2>().norm() - kDoubts * doubt_m_[limb], 0.0);
 }
 
 void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {
   if (!begun_) play_m_ = parameters_.slip_m;  // not known yet
   since_contact_.fill({});
+  doubt_m_.fill(0.0);
   moved_.fill({});
   if (!lay_body(limbs)) {
     drifts_.fill({});
@@ -223,15 +225,18 @@ void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {
     return;
   }
   begun_ = true;
-  PerLimb<Word> words;
+  PerLimb<Word> words, played;
   int counted = 0;
   for (int l = 0; l < kLimbs; ++l) {
     if (!limbs_[l].holds) continue;
     ++counted;
     words[l] = word(limbs_[l], limbs_[l].off, information(limbs_[l], 0));
+    played[l] = word(limbs_[l], limbs_[l].off, information(limbs_[l], limbs_[l].cycles));
   }
   for (int l = 0; l < kLimbs && counted >= kLeastHolds; ++l) {
-    if (words[l].counts) since_contact_[l] = in_gripper(limbs_[l], fit_without(l, words).left);
+    if (!words[l].counts) continue;
+    since_contact_[l] = in_gripper(limbs_[l], fit_without(l, words).left);
+    doubt_m_[l] = fit_without(l, played).doubt_m;
   }
   for (int window = 0; window < kWindows; ++window) look_back(window, dt_s);
   cycles_ = (cycles_ + 1) % kSampled;

@@ -50,7 +50,8 @@ class StanceFit {
 
   /// Against the others since contact; zero where fewer than two others hold.
   const Misfit& since_contact(int limb) const { return since_contact_[limb]; }
-  /// How far of that it is along its faces, beyond what play of its joints explains [m].
+  /// How far of that it is along its faces, beyond what play of its own joints explains and what the others, by theirs,
+  /// leave in doubt [m].
   double slid_m(int limb) const noexcept;
   /// The limb without which the others fit best, in the shortest window; -1 where fewer than three hold.
   int odd_limb() const { return moved_[0].limb; }
@@ -141,6 +142,7 @@ class StanceFit {
   PerLimb<Standing> limbs_;
   PerLimb<Misfit> since_contact_;
   std::array<Moved, kWindows> moved_;
+  PerLimb<double> doubt_m_{};  ///< of since_contact_, along the faces
   std::array<Drift, kDrifts> drifts_;
   double play_m_ = 0.0;
   int now_ = 0;                   ///< in `past`

@@ -41,7 +41,7 @@ class Stance : public testing::Test {
       for (int l = 0; l < kLimbs; ++l) {
         states_[l].gripper_B = body_W.inverse() * gripper_W_[l];
         states_[l].jacobian_B.setIdentity();
-        limbs[l] = {&states_[l], JointVector::Constant(torque_Nm_), force_B_N_, holds_[l]};
+        limbs[l] = {&states_[l], JointVector::Constant(idle_[l] ? 0.1 : 5.0), force_B_N_, holds_[l]};
       }
       fit_.update(limbs, kDt_s);
     }
@@ -58,7 +58,7 @@ class Stance : public testing::Test {
   double body_s_ = 0.0;
   bool stands_ = false;                  ///< the body
   Vector3 force_B_N_ = Vector3::Zero();  ///< on each gripper
-  double torque_Nm_ = 5.0;               ///< of all joints: none goes through its play
+  PerLimb<bool> idle_{};                 ///< its joints bear no torque: they may go through their play
   PerLimb<LimbState> states_;
 };
 
@@ -226,7 +226,7 @@ TEST_F(Stance, WhatGivesUnderALoadThatChangesDoesNotCreep) {
 
 TEST_F(Stance, WhatAnIdleJointsPlayExplainsIsNoSlip) {
   cycles(500);
-  torque_Nm_ = 0.1;  // each joint moves its gripper along, or about, one axis
+  idle_.fill(true);  // each joint moves its gripper along, or about, one axis
   cycles(25, 1, {0.0, 0.05, 0.0});
   EXPECT_LT(fit_.moved(0).way_m.norm(), 1e-4);
   EXPECT_GT(fit_.play_m(), 0.0012);
@@ -240,12 +240,42 @@ TEST_F(Stance, AGripperHasSlidHoweverItTurnedWhereItsJointsAreLoaded) {
 }
 
 TEST_F(Stance, AGripperHasSlidByWhatPlayOfItsIdleJointsDoesNotExplain) {
-  torque_Nm_ = 0.1;  // each joint moves its gripper along one axis of the body, by 10 mm of play at most
+  idle_[2] = true;  // each joint moves its gripper along one axis of the body, by 10 mm of play at most
   cycles(200, 2, {0.0, 0.05, 0.0});
   const Matrix3& rotation_BG = states_[2].gripper_B.rotation;
   const Vector3 way_B_m = rotation_BG.col(1) * 0.020;
   const Vector3 left_B_m = way_B_m - way_B_m.cwiseMax(-0.010).cwiseMin(0.010);
   EXPECT_NEAR(fit_.slid_m(2), (rotation_BG.transpose() * left_B_m).tail<2>().norm(), 5e-4);
+}
+
+TEST_F(Stance, WhatPlayOfTheOthersLeavesInDoubtIsNotSlid) {
+  cycles(200, 2, {0.0, 0.05, 0.0});
+  EXPECT_NEAR(fit_.slid_m(2), 0.020, 5e-4);
+  idle_ = {true, true, false, true};
+  cycles(25, 1, {0.0, 0.05, 0.0});  // play is seen
+  EXPECT_LT(fit_.slid_m(2), 0.018);
+  EXPECT_GT(fit_.slid_m(2), 0.010);
+}
+
+TEST_F(Stance, WhatSeemsToMoveWhereItsGripIsNoLongerUsedHasNotSlid) {
+  SlipWatch watch(robot().stance);
+  const auto cycles_with = [&](int n, double used, const Vector3& slide_m_s) {
+    for (int i = 0; i < n; ++i) {
+      cycles(1, 1, slide_m_s);
+      watch.update(1, fit_, true, used, kDt_s);
+    }
+  };
+  cycles_with(600, 0.5, Vector3::Zero());
+  cycles_with(40, 0.5, {0.0, 0.05, 0.0});
+  EXPECT_TRUE(watch.slips());
+  cycles_with(700, 0.2, Vector3::Zero());
+  EXPECT_FALSE(watch.slips());
+  cycles_with(1250, 0.2, {0.0, 0.002, 0.0});
+  EXPECT_FALSE(watch.slips());
+  cycles_with(700, 0.2, Vector3::Zero());
+  cycles_with(30, 0.5, {0.0, 0.05, 0.0});
+  EXPECT_TRUE(watch.slips());
+  EXPECT_NEAR(watch.slid_m(), 0.007, 5e-4);  // 4 and 3 mm; 2.5 mm were play
 }
 
 TEST_F(Stance, AGripThatMovesSqueezesAndOneWhoseFrictionIsUsedUpAsWellSlips) {
