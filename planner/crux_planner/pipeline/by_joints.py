@@ -45,10 +45,6 @@ def solve_by_joints(
         with work.part("nlp", 0.5):
             functions = functions.within(limits)
             solution = solve_within_torques(problem, schedule, start, session.deadline, functions)
-            astray = not solution.solved and solution.status != TOO_WEAK
-            if astray and not functions.damping:  # then with damped steps from here on
-                functions = functions.damped()
-                solution = solve_within_torques(problem, schedule, start, session.deadline, functions)
         if solution.status == TOO_WEAK:
             return max(solution.torque_shares.items(), key=lambda each: each[1])[0][0]
         if not solution.solved:

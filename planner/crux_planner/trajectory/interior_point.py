@@ -16,6 +16,7 @@ from scipy.linalg.lapack import dgesv, dgetrs
 
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.solvers import clock
+from crux_planner.trajectory.stage_functions import POSE
 from crux_planner.trajectory.stage_problem import PINNED, Derivatives, StageProblem
 
 FIRST_BARRIER, LAST_BARRIER = 1e-2, 1e-7
@@ -24,6 +25,8 @@ _ROUNDING = 1e-6  # what (1)-(9) may lack where whole steps change nothing: a te
 _STILL, _SAME = 3, 1e-7  # so many whole steps in a row, each of which changes the cost by less than this share of it
 _SHORT = 0.1  # of a Newton step: many shorter steps in a row show that the rows contradict each other
 _NEAR, _NEAR_GAP = 1e-2, 1e-4  # largest defect, and mean product of slack and dual, of a point near a solution
+_SWINGS, _SETTLES = 0.5, 0.1  # the largest defect, by that of the step before: more, or less than that
+_DAMPING, _MORE_DAMPED, _LESS_DAMPED = 10.0, 4.0, 0.5  # of steps of the body's pose, and its factors
 _TO_BOUNDARY = 0.995
 _LEAST_SLACK = 1e-2  # with which an inequality starts
 _LEAST_CENTRING = 1e-4  # of the mean product of slack and dual, what the next barrier is at least
@@ -72,8 +75,9 @@ def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
     is more than the tolerance, and whole steps change the cost no longer.
     """
     bounded = stages.bounded
-    iteration, short, still, near, cost = 0, 0, 0, False, np.inf
+    iteration, short, still, near, cost, damping, primal = 0, 0, 0, False, np.inf, 0.0, np.inf
     while True:
+        before = primal
         at = stages.derivatives(point.body, point.columns, point.multipliers, _net(point.duals), near=near)
         lacking = np.where(bounded, stages.slack(at.rows) - point.slacks, 0.0)
         defects = at.next_states - point.body[1:]
@@ -83,6 +87,7 @@ def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
         scale = max(1.0, float(np.abs(point.multipliers).max()), float(point.duals.max()))
         dual = stages.dual_residual(at, point.multipliers, _net(point.duals)) / scale
         near = primal < _NEAR and gap < _NEAR_GAP
+        damping = _damped(damping, primal, before) if gap < _NEAR_GAP else 0.0
         still, cost = still + 1 if abs(at.cost - cost) < _SAME * abs(cost) else 0, at.cost
         exact = primal < _TOLERANCE and dual < _DUAL_TOLERANCE
         if gap < 2 * LAST_BARRIER and (exact or (still >= _STILL and primal < _ROUNDING)):
@@ -92,7 +97,7 @@ def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
         if spent or not np.isfinite(primal + dual):
             return Outcome(point, iteration, False, at.cost)
         try:
-            step = _corrected_step(NewtonSystem(stages, at, point), defects, lacking, gap)
+            step = _corrected_step(NewtonSystem(stages, at, point, damping), defects, lacking, gap)
         except np.linalg.LinAlgError:  # the Hessian of a limb's column is singular: no step leads on
             return Outcome(point, iteration, False, at.cost)
         shares = _shares(point, step, bounded)
@@ -100,6 +105,13 @@ def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
         still = still if min(shares) == 1.0 else 0
         point = _centred(_stepped(point, step, shares), bounded)
         iteration += 1
+
+
+def _damped(damping: float, primal: float, before: float) -> float:
+    """More where steps near a solution swing about it, as rows that bend let them; less where they come nearer."""
+    if primal > _SWINGS * before:
+        return max(_DAMPING, _MORE_DAMPED * damping)
+    return _LESS_DAMPED * damping if primal < _SETTLES * before else damping
 
 
 def _corrected_step(system: NewtonSystem, defects: Array, lacking: Array, gap: float) -> Point:
@@ -117,7 +129,7 @@ def _corrected_step(system: NewtonSystem, defects: Array, lacking: Array, gap: f
 class NewtonSystem:
     """The Newton system at a point, factorised: steps for any right side."""
 
-    def __init__(self, stages: StageProblem, at: Derivatives, point: Point) -> None:
+    def __init__(self, stages: StageProblem, at: Derivatives, point: Point, damping: float) -> None:
         self.stages, self.at, self.point = stages, at, point
         self._slacks = np.where(stages.bounded, point.slacks, 1.0)
         self._stiffness = point.duals / self._slacks
@@ -126,6 +138,7 @@ class NewtonSystem:
         self._into = at.into_state  # (N, 4, 12, 8): of a column on the next state
         self._cross_inverse, self._into_inverse = self._cross @ self._inverse, self._into @ self._inverse
         body_hessian[:-1] -= (self._cross_inverse @ self._cross.swapaxes(-1, -2)).sum(axis=1)
+        body_hessian[1:, :POSE, :POSE] += damping * np.eye(POSE)
         body_hessian[-1] += np.diag(PINNED * stages.pinned)
         free = at.state_map - (self._into_inverse @ self._cross.swapaxes(-1, -2)).sum(axis=1)
         supply = (self._into_inverse @ self._into.swapaxes(-1, -2)).sum(axis=1)

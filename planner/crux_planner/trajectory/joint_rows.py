@@ -32,7 +32,6 @@ from crux_planner.trajectory.stage_functions import POSE, StageFunctions
 
 JOINTS, ELBOW = 6, 2  # of a limb, and the number of the one that is straight in a stretched limb
 _SOFT = 1e-4  # sin^2 of joint 3 below which the elbow is rounded off, so that it is smooth beyond a stretched limb
-_DAMPING = 10.0
 _PATH_YAW_RAD_M = 3.0  # heading that counts as a metre where the body keeps near its first path
 _MOVES = [0, 1, 5]  # states of the body that follow the path: x, y, yaw
 
@@ -68,12 +67,6 @@ class JointFunctions(StageFunctions):
         """The same functions with other limits."""
         other = copy(self)
         other.__dict__.update(limits=limits, _known={})
-        return other
-
-    def damped(self) -> JointFunctions:
-        """The same with damped steps, for what does not converge without."""
-        other = copy(self)
-        other.__dict__["damping"] = _DAMPING
         return other
 
     @cached_property

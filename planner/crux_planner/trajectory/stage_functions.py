@@ -46,8 +46,6 @@ class StageFunctions:
 
     problem: Problem
 
-    damping = 0.0
-    """Of steps of the body's pose, which may else swing about a solution for ever."""
     short_steps, most_iterations = 8, 80
     """Of the interior-point method: steps in a row, each of little of a Newton step, and all, before it gives up."""
 

@@ -193,8 +193,8 @@ class StageProblem:
     def derivatives(
         self, body: Array, columns: Array, multipliers: Array, duals: Array, *, near: bool = False
     ) -> Derivatives:
-        """Everything at a point; Hessians are those of cost + multipliers' dynamics - duals' rows, of torques only near
-        a solution: further off these bend either way, and lead astray.
+        """Everything at a point; Hessians are those of cost + multipliers' dynamics - duals' rows. Far from a solution,
+        rows of torques and reach bend either way and lead astray: only the convex part of reach is taken there.
         """
         f, n = self.functions, self.knots
         _, on_reach, _, on_surface, on_torques = self.split(duals)
@@ -208,7 +208,7 @@ class StageProblem:
         body_cost, body_slope, body_hessian = f.body_cost(body)
         column_cost, column_slope, column_hessian = f.column_cost(flat)
         body_hessian[:-1] += step_hessian
-        body_hessian[1:, :POSE, :POSE] += f.damping * np.eye(POSE) - reach_hessian
+        body_hessian[1:, :POSE, :POSE] += -reach_hessian if near else _convex(-reach_hessian)
         column_hessian = (column_hessian - surface_hessian).reshape(n, 4, COLUMN, COLUMN)
         column_slope = column_slope.reshape(n, 4, COLUMN)
         column_slope[..., :3] += 2 * SPINE_WEIGHT * self.by_spines[..., None] * columns[..., :3]
@@ -315,6 +315,12 @@ class StageProblem:
         np.add.at(body, self.limited[0], both[:, :BODY_STATES])
         columns[(*self.limited, slice(WRENCH_INPUTS))] += both[:, BODY_STATES:]
         return body, columns
+
+
+def _convex(hessians: Array) -> Array:
+    """The part of symmetric matrices (n, m, m) that is positive semidefinite."""
+    values, vectors = np.linalg.eigh(hessians)
+    return np.asarray((vectors * np.maximum(values, 0.0)[:, None]) @ vectors.swapaxes(-1, -2))
 
 
 def _places(contacts: list[list[Contact | None]]) -> list[tuple[Contact, tuple[list[int], list[int]]]]:
