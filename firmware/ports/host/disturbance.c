@@ -5,24 +5,6 @@
 
 #include "robot_nodes.h"
 
-bool crux_interference_use_up(uint32_t *count) {
-  const bool left = *count > 0U;
-  *count -= left ? 1U : 0U;
-  return left;
-}
-
-/// Marsaglia's xorshift: good enough to choose frames, and the same everywhere.
-bool crux_interference_loses(interference *disturbed) {
-  bool lost = disturbed->lost_of_2_32 == UINT32_MAX;
-  if (!lost && (disturbed->lost_of_2_32 > 0U)) {
-    disturbed->random ^= disturbed->random << 13U;
-    disturbed->random ^= disturbed->random >> 17U;
-    disturbed->random ^= disturbed->random << 5U;
-    lost = disturbed->random < disturbed->lost_of_2_32;
-  }
-  return lost;
-}
-
 int crux_nodes_drop_received(crux_nodes *nodes, int limb_index, int node, uint32_t count) {
   if (!crux_nodes_exists(limb_index, node)) {
     return -1;
@@ -133,8 +115,6 @@ crux_supply crux_nodes_supply(const crux_nodes *nodes, int limb_index, int node)
   const bool restarts = (disturbed->supply == (uint8_t)CRUX_POWERED) && disturbed->restarts;
   return restarts ? CRUX_BRAKED : (crux_supply)disturbed->supply;
 }
-
-bool crux_interference_powers(const interference *disturbed) { return disturbed->supply == (uint8_t)CRUX_POWERED; }
 
 int crux_nodes_set_temperature(crux_nodes *nodes, int limb_index, int node, double temperature_degC) {
   if (!crux_nodes_exists(limb_index, node)) {

@@ -82,6 +82,10 @@ void crux_nodes_deliver(limb *owner, int index, const crux_frame *frame);
 /// False, with the reason in crux_nodes_error(), when there is no such node: limb 0..3, node 1..7.
 bool crux_nodes_exists(int limb_index, int node);
 
+/// What crux_nodes_error() says.
+#define CRUX_NODES_ERROR_BYTES 256
+extern _Thread_local char crux_nodes_last_error[CRUX_NODES_ERROR_BYTES];
+
 /// Keep errno's words for crux_nodes_error(), of a bus or of all; always false.
 bool crux_nodes_bus_failure(int limb_index, const char *what);
 bool crux_nodes_failure(const char *what);

@@ -1,6 +1,4 @@
-#include "crux_nodes.h"
-
-#include <errno.h>
+/// Opening, a cycle and closing of a robot's nodes.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,15 +8,11 @@
 #define ROOM_TEMPERATURE_DEG_C 25.0F
 #define NO_HOST_STATE 0xFFU
 
-static _Thread_local char last_error[256];
-
-const char *crux_nodes_error(void) { return last_error; }
-
 static bool parameters_are_good(const crux_nodes *nodes) {
   for (int i = 0; i < CRUX_JOINTS; i++) {
     const char *fault = crux_joint_parameters_fault(&nodes->joint_parameters[i]);
     if (fault != NULL) {
-      (void)snprintf(last_error, sizeof(last_error), "joint %d of limb %d: %s makes no sense",
+      (void)snprintf(crux_nodes_last_error, sizeof(crux_nodes_last_error), "joint %d of limb %d: %s makes no sense",
                      (i % JOINTS_PER_LIMB) + 1, i / JOINTS_PER_LIMB, fault);
       return false;
     }
@@ -26,7 +20,8 @@ static bool parameters_are_good(const crux_nodes *nodes) {
   for (int i = 0; i < CRUX_LIMBS; i++) {
     const char *fault = crux_gripper_parameters_fault(&nodes->gripper_parameters[i]);
     if (fault != NULL) {
-      (void)snprintf(last_error, sizeof(last_error), "gripper of limb %d: %s makes no sense", i, fault);
+      (void)snprintf(crux_nodes_last_error, sizeof(crux_nodes_last_error), "gripper of limb %d: %s makes no sense", i,
+                     fault);
       return false;
     }
   }
@@ -37,7 +32,7 @@ crux_nodes *crux_nodes_open(const char *const bus_urls[CRUX_LIMBS], const crux_j
                             const crux_gripper_parameters gripper[CRUX_LIMBS], uint32_t parameter_hash) {
   crux_nodes *nodes = calloc(1, sizeof(*nodes));
   if (nodes == NULL) {
-    (void)snprintf(last_error, sizeof(last_error), "out of memory");
+    (void)snprintf(crux_nodes_last_error, sizeof(crux_nodes_last_error), "out of memory");
     return NULL;
   }
   (void)memcpy(nodes->joint_parameters, joint, sizeof(nodes->joint_parameters));
@@ -51,7 +46,7 @@ crux_nodes *crux_nodes_open(const char *const bus_urls[CRUX_LIMBS], const crux_j
   bool good = parameters_are_good(nodes);
   for (int l = 0; good && (l < CRUX_LIMBS); l++) {
     limb *owner = &nodes->limbs[l];
-    good = crux_bus_open(&owner->bus, bus_urls[l], last_error, sizeof(last_error));
+    good = crux_bus_open(&owner->bus, bus_urls[l], crux_nodes_last_error, sizeof(crux_nodes_last_error));
     owner->connected = true;
     owner->gripper_inputs.temperature_degC = ROOM_TEMPERATURE_DEG_C;
     for (int i = 0; i < JOINTS_PER_LIMB; i++) {
@@ -76,16 +71,6 @@ void crux_nodes_close(crux_nodes *nodes) {
     }
     free(nodes);
   }
-}
-
-bool crux_nodes_failure(const char *what) {
-  (void)snprintf(last_error, sizeof(last_error), "%s: %s", what, strerror(errno));
-  return false;
-}
-
-bool crux_nodes_bus_failure(int limb_index, const char *what) {
-  (void)snprintf(last_error, sizeof(last_error), "bus of limb %d: %s: %s", limb_index, what, strerror(errno));
-  return false;
 }
 
 static double control_joint(limb *owner, int index, double dt, double position, double velocity) {
@@ -243,15 +228,6 @@ int crux_nodes_replace(crux_nodes *nodes, int limb_index, int node, const crux_o
   }
   nodes->limbs[limb_index].outside[node - 1] = by;
   return 0;
-}
-
-bool crux_nodes_exists(int limb_index, int node) {
-  const bool found = (limb_index >= 0) && (limb_index < CRUX_LIMBS) && (node >= 1) && (node <= NODES_PER_LIMB);
-  if (!found) {
-    (void)snprintf(last_error, sizeof(last_error), "no node %d on limb %d: nodes are 1..%d, limbs 0..%d", node,
-                   limb_index, NODES_PER_LIMB, CRUX_LIMBS - 1);
-  }
-  return found;
 }
 
 int crux_nodes_counters(const crux_nodes *nodes, int limb_index, int node, crux_node_counters *counters) {
