@@ -26,6 +26,7 @@ _STILL, _SAME = 3, 1e-7  # so many whole steps in a row, each of which changes t
 _SHORT = 0.1  # of a Newton step: many shorter steps in a row show that the rows contradict each other
 _NEAR, _NEAR_GAP = 1e-2, 1e-4  # largest defect, and mean product of slack and dual, of a point near a solution
 _SWINGS, _SETTLES = 0.5, 0.1  # the largest defect, by that of the step before: more, or less than that
+_UNDAMPED = 40  # steps: most problems are solved by then, and more exactly
 _DAMPING, _MORE_DAMPED, _LESS_DAMPED = 10.0, 4.0, 0.5  # of steps of the body's pose, and its factors
 _TO_BOUNDARY = 0.995
 _LEAST_SLACK = 1e-2  # with which an inequality starts
@@ -87,7 +88,8 @@ def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
         scale = max(1.0, float(np.abs(point.multipliers).max()), float(point.duals.max()))
         dual = stages.dual_residual(at, point.multipliers, _net(point.duals)) / scale
         near = primal < _NEAR and gap < _NEAR_GAP
-        damping = _damped(damping, primal, before) if gap < _NEAR_GAP else 0.0
+        swings = gap < _NEAR_GAP and iteration >= _UNDAMPED
+        damping = _damped(damping, primal, before) if swings else 0.0
         still, cost = still + 1 if abs(at.cost - cost) < _SAME * abs(cost) else 0, at.cost
         exact = primal < _TOLERANCE and dual < _DUAL_TOLERANCE
         if gap < 2 * LAST_BARRIER and (exact or (still >= _STILL and primal < _ROUNDING)):
