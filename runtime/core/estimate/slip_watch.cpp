@@ -16,7 +16,7 @@ constexpr std::array<Threshold, StanceFit::kWindows> kThresholds = {
     {{0.3, 1.0, 1.0}, {0.4, 1.5, 2.0}, {0.2, 1.5, 4.0}}};
 
 constexpr double kAsEver = 0.9;         // of the most its friction was used before: the grip may be used up
-constexpr double kSlides = 0.7;         // of what was used as it began to slip: used less than that it stands
+constexpr double kSlides = 0.7;         // of what it slides with: used less than that it stands
 constexpr double kBarely = 0.1;         // used less than that no grip slips that has not slipped before
 constexpr int kBlockCycles = 50;        // in which what is used is no past yet
 constexpr double kWitnessed_s = 0.004;  // longer than a reading that is wrong once
@@ -65,7 +65,8 @@ void SlipWatch::update(int limb, const StanceFit& stance, bool holds, double use
   if (!slips_ && witnessed_s_ > kWitnessed_s) {
     slips_ = true;
     if (slid_m_ == 0.0) from_m_ = place_m - stance.moved(window).way_m;
-    slipped_at_ = used_up_cycles_ago_ < StanceFit::kCycles[window] ? std::max(used_up_at_, used) : used;
+    slipped_at_ = used;
+    slides_with_ = used_up_cycles_ago_ < StanceFit::kCycles[window] ? std::max(used_up_at_, used) : used;
     most_used_ = block_used_ = lately_used_ = std::min(most_used_, used);  // it began before it was seen
     still_s_ = 0.0;
   }
@@ -73,7 +74,7 @@ void SlipWatch::update(int limb, const StanceFit& stance, bool holds, double use
   still_s_ = moved ? 0.0 : still_s_ + dt_s;
   if (moved) rest_m_ = place_m;
   // Where the grip is used less than it slides with, the others move through their play.
-  if (window < 0 && used < kSlides * slipped_at_) from_m_ += place_m - last_m_;
+  if (window < 0 && used < kSlides * slides_with_) from_m_ += place_m - last_m_;
   last_m_ = place_m;
   if (slips_) {
     slid_m_ = std::max(slid_m_, std::min((place_m - from_m_).norm(), stance.slid_m(limb)));

@@ -46,7 +46,7 @@ class SlipWatch {
   int block_cycles_ = 0;
   int used_up_cycles_ago_ = 0;
   double witnessed_s_ = 0.0;
-  double used_up_at_ = 0.0;                           ///< `used` when it was used up last
+  double used_up_at_ = 0.0, slides_with_ = 0.0;  ///< `used` when it was used up last, and before its last slip was seen
   Eigen::Vector2d from_m_ = Eigen::Vector2d::Zero();  ///< where its slip began, along the faces
   Eigen::Vector2d last_m_ = Eigen::Vector2d::Zero(), rest_m_ = Eigen::Vector2d::Zero();
   double still_s_ = 0.0, slid_m_ = 0.0;
