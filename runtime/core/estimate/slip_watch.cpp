@@ -73,8 +73,8 @@ void SlipWatch::update(int limb, const StanceFit& stance, bool holds, double use
   const bool moved = (place_m - rest_m_).norm() > kStill_m;
   still_s_ = moved ? 0.0 : still_s_ + dt_s;
   if (moved) rest_m_ = place_m;
-  // Where the grip is used less than it slides with, the others move through their play.
-  if (window < 0 && used < kSlides * slides_with_) from_m_ += place_m - last_m_;
+  // Where the grip is known to be used less than it slides with, the others move through their play.
+  if (window < 0 && used > 0.0 && used < kSlides * slides_with_) from_m_ += place_m - last_m_;
   last_m_ = place_m;
   if (slips_) {
     slid_m_ = std::max(slid_m_, std::min((place_m - from_m_).norm(), stance.slid_m(limb)));
