@@ -18,6 +18,7 @@ from crux_planner.model.schedule import Schedule
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.refusals import eased, refused_by, slowed
 from crux_planner.pipeline.session import Session
+from crux_planner.search.pose_path import Ended
 from crux_planner.trajectory.exact import TOO_WEAK, solve_within_torques
 from crux_planner.trajectory.joint_rows import ELBOW, JointFunctions, JointLimits
 from crux_planner.trajectory.solution import Start
@@ -35,26 +36,27 @@ _NEAR_M = 0.02  # of the map's path, where links come too near to each other; a 
 
 def solve_by_joints(
     session: Session, problem: Problem, schedule: Schedule, first: Start, functions: JointFunctions
-) -> PlanResult | int | None:
+) -> PlanResult | Ended | None:
     """A checked plan for a schedule; what the check refuses is answered, `ROUNDS` times at most. Or the knot at which
-    motors are too weak for the contacts, None where there is no plan for another reason.
+    motors are too weak for the contacts or the check still refuses it, None where the program has no solution.
     """
-    work, start = session.work, first
+    work, start, refused = session.work, first, None
     limits = JointLimits.about(first.body, PLAN_RAD)
     for _ in range(ROUNDS):
         with work.part("nlp", 0.5):
             functions = functions.within(limits)
             solution = solve_within_torques(problem, schedule, start, session.deadline, functions)
         if solution.status == TOO_WEAK:
-            return max(solution.torque_shares.items(), key=lambda each: each[1])[0][0]
+            return Ended(max(solution.torque_shares.items(), key=lambda each: each[1])[0][0], by_places=True)
         if not solution.solved:
-            return None
+            return refused
         with work.part("message", 0.8):
             message = plan_message(session.scenario, session.robot, problem, schedule, solution, session.method)
         with work.part("check", 0.8):
             report = check_plan(message, session.robot)
         if report.ok:
             return PlanResult.of(message, report, solution, schedule.gait, work)
+        refused = _worst(report, problem.dt_s)
         work.log(f"{refused_by(report)}; once more with less of those joints or of their reach")
         answer, others = _answered(limits, report, problem.dt_s)
         if any(each.constraint == "clearance_limbs" for each in report.violations):
@@ -62,11 +64,20 @@ def solve_by_joints(
         again = (answer.near_m != limits.near_m).any()
         easier = _easier(problem, replace(report, violations=others), schedule, solution.body) if others else None
         if others and easier is None:
-            return None
+            return refused
         limits, problem = answer, easier or problem
         torques_Nm = np.minimum(problem.torque_limits_Nm, solution.torque_limits_Nm)
         problem, start = replace(problem, torque_limits_Nm=torques_Nm), first if again else solution.start
-    return None
+    return refused
+
+
+def _worst(report: CheckReport, dt_s: float) -> Ended | None:
+    """Where the check found the worst violation that has a time."""
+    timed = [(each.amount, each.time_s, each.joint) for each in report.violations if each.time_s is not None]
+    if not timed:
+        return None
+    _, time_s, joint = max(timed, key=lambda each: each[0])
+    return Ended(int(time_s / dt_s), by_places=joint is not None and joint <= ELBOW)
 
 
 def _answered(limits: JointLimits, report: CheckReport, dt_s: float) -> tuple[JointLimits, list[Violation]]:

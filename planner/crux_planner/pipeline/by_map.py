@@ -9,12 +9,12 @@ goes with is left out of the next way.
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule, stance_after
@@ -27,7 +27,7 @@ from crux_planner.search.ends import clear_start, level_aims
 from crux_planner.search.event_cost import Timed
 from crux_planner.search.map_search import MapSearch, Step
 from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about, hulls_of
-from crux_planner.search.pose_path import clear_path
+from crux_planner.search.pose_path import Ended, clear_path
 from crux_planner.search.schedule import at_knots
 from crux_planner.search.stances import Oracles
 from crux_planner.search.torque_limits import TorqueLimits
@@ -37,14 +37,14 @@ from crux_planner.trajectory.link_planes import OFF_M
 from crux_planner.trajectory.solution import Start, start_from_path
 
 COARSE = (0.02, 0.07, 0.22, 0.21)  # grid of the search: steps [m, rad], and how far it goes around start and goal
-FINE = (0.01, 0.035, 0.16, 0.105)  # of the body's path
+NEAR, FINE = (0.01, 0.035, 0.16, 0.105), (0.01, 0.035, 0.22, 0.21)  # of the body's path, at first and after that
 SEARCH_RAD, PATH_RAD = 0.04, 0.03  # margins to joint limits
 LOOKS, WAYS = 3000, 8  # at moves for one way of stances, and ways
-QUICK, NEAR_MOVES = (100, 2), 12  # the same, and moves to a goal that is not far
+QUICK, NEAR_KNOTS = (100, 2), 80  # the same, and knots to a goal that is not far
 SPARE_KNOTS = (1, 2, 4)  # a move, beyond what the swings need
 HALVES_M = (0.01, 0.02, 0.04, 0.08)  # how far the first solution may be off the path of the map
-MOST_WEAK = 2  # horizons for which motors are too weak until no longer one is tried
-MORE_KNOTS = 4  # for the body's path beyond what the estimates give it
+MOST_BY_PLACES = 2  # horizons for which the grippers' places give no plan, until no longer one is tried
+MORE_KNOTS = 4  # of a stance, and of the swing after it, where the body's path ends for want of time
 AIMS = 12  # goal poses tried for one at which four limbs hold
 _SAME_M = 1e-4  # between grippers at one place
 LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
@@ -69,10 +69,10 @@ def plan_by_map(climb: Climb, refused: set[Step], quick: bool = False) -> tuple[
                 climb = _off_centre(climb)
         with climb.work.part("map", 0.2):
             search = next((each for each in _searches(climb) if len(each.goals)), None)
-        if search is None or (quick and search.ahead(given.start_contacts) > NEAR_MOVES):
+        if search is None or (quick and search.ahead(given.start_contacts) > NEAR_KNOTS):
             continue
         without = set[Step]() if off_centre else refused
-        if (found := _planned(climb, search, without, *(QUICK if quick else (LOOKS, WAYS)))) is not None:
+        if (found := _planned(climb, search, without, quick)) is not None:
             return found, search.problem
         if climb.session.late:
             return None
@@ -96,13 +96,14 @@ def _searches(climb: Climb) -> Iterator[MapSearch]:
         yield MapSearch(PoseMasks(each, robot, grid, SEARCH_RAD), Footing(each, grid), climb.oracles.swings)
 
 
-def _planned(climb: Climb, search: MapSearch, without: set[Step], looks: int, ways: int) -> PlanResult | None:
+def _planned(climb: Climb, search: MapSearch, without: set[Step], quick: bool) -> PlanResult | None:
     """By one way of stances after the other; moves that give no plan are added to those it goes `without`."""
     problem, session = search.problem, climb.session
-    knot_m, (step_m, *others) = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s, FINE
+    knot_m, (step_m, *others) = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s, NEAR if quick else FINE
     grid = grid_about(problem, knot_m / np.ceil(knot_m / step_m), *others)  # so that the body may be as fast as it may
     fine = PoseMasks(problem, session.robot, grid, PATH_RAD, OFF_M)
     planner = _ByMap(climb, problem, fine)
+    looks, ways = QUICK if quick else (LOOKS, WAYS)
     for _ in range(ways):
         with climb.work.part("map", 0.2):
             way = search.find(without, looks, session.deadline)
@@ -115,7 +116,7 @@ def _planned(climb: Climb, search: MapSearch, without: set[Step], looks: int, wa
             climb.work.cut_short = True
         if session.late or not way:
             return None
-        without |= _turned(problem, way[found]) if planner.weak else {way[found]}
+        without |= _turned(problem, way[found]) if planner.by_places else {way[found]}
     return None
 
 
@@ -139,40 +140,43 @@ class _ByMap:
         self.climb, self.problem, self.masks = climb, problem, masks
         self.footing = Footing(problem, masks.grid)
         self.functions = JointFunctions(problem, reaches_of(climb.session.robot), UNLIMITED)
-        self.weak = 0  # horizons of one way for which motors are too weak
+        self.by_places = 0  # horizons of one way that fail by the grippers' places
 
     def plan(self, way: list[Step]) -> PlanResult | int:
         """A checked plan, or the number of the move that is to blame for there being none."""
         at = self.problem.start.position_m
         moves = [Move(before, after, (limb,), at, at) for before, limb, after in way]
-        self.weak = 0
+        self.by_places = 0
         if (cheaper := self._cheaper(moves)) is not None:
             return cheaper
-        swings, blamed, refused = self.climb.oracles.swings, -1, 0
+        blamed = len(moves) - 1
+        for timed in self._evenly(moves):
+            found = self._timed(timed)
+            if isinstance(found, PlanResult):
+                return found
+            before, blamed = blamed, blamed if found is None else found
+            if before == found or self.by_places >= MOST_BY_PLACES:
+                break  # more time does not help
+            if self.climb.session.late:
+                break
+        return blamed
+
+    def _evenly(self, moves: list[Move]) -> Iterator[Timed]:
+        """Swings at their quickest; the stances share so many knots to spare, and at last all that there are."""
+        swings = self.climb.oracles.swings
         quickest = np.array([swings.intervals(m.before[i], m.after[i]) for m in moves for i in m.limbs], dtype=int)
         away_m = np.abs(self.problem.goal.body.position_m - self.problem.start.position_m).max()
         travel = int(np.ceil(away_m / (SPEED_SHARE * self.problem.body.max_speed_m_s * self.problem.dt_s)))
         least, most = max(int(quickest.sum()) + len(moves), travel) + 2, self.problem.steps
-        wanted = {least + (len(moves) + 1) * spare for spare in SPARE_KNOTS}
-        if self.climb.session.scenario.planner.idle == "keep":
-            wanted = {most}
-        for steps in sorted(each for each in {*wanted, most} if least <= each <= most):
-            problem = replace(self.problem, steps=steps)
-            schedule = _schedule(problem, self.climb, moves, quickest)
-            with self.climb.work.part("body", 0.4):
-                start = self._start(problem, schedule)
-            found = self._solved(problem, schedule, start)
-            if isinstance(found, PlanResult):
-                return found
-            if isinstance(found, int):
-                before, blamed = blamed, _move_at(schedule, found)
-                if before == blamed or self.weak >= MOST_WEAK:
-                    break  # more time does not help
-                continue
-            refused += 1
-            if refused == len(SPARE_KNOTS) or self.climb.session.late:
-                break  # as much time as there is helps no better
-        return blamed if blamed >= 0 else len(moves) - 1
+        keeps = self.climb.session.scenario.planner.idle == "keep"
+        wanted = [most] if keeps else [least + (len(moves) + 1) * spare for spare in SPARE_KNOTS]
+        for steps in wanted:
+            if least <= steps <= most:
+                stances = np.ones(len(moves) + 1, dtype=int)
+                stances[-1] = 2
+                for _ in range(steps - int(quickest.sum() + stances.sum())):
+                    stances[int(np.argmin(stances))] += 1
+                yield Timed(moves, stances, quickest)
 
     def _cheaper(self, moves: list[Move]) -> PlanResult | None:
         """A checked plan of the moves or cheaper ones near them, the body in the convex hulls of the limbs' reach as
@@ -187,7 +191,7 @@ class _ByMap:
         tried = [others.timed] if others is not None and others.found else []
         for each in [*tried, *([] if timed is None else [timed])]:
             found = self._timed(each)
-            if found is not None:
+            if isinstance(found, PlanResult):
                 found.others = None if others is None else replace(others, found=others.found and each is others.timed)
                 return found
         return None
@@ -202,51 +206,47 @@ class _ByMap:
             oracles = Oracles.of(hulls, TorqueLimits(hulls, hulls.friction_share))
             yield replace(oracles, swings=self.climb.oracles.swings)
 
-    def _timed(self, timed: Timed) -> PlanResult | None:
-        """A checked plan of timed moves, with some knots more where the body's path ends."""
-        for _ in range(MORE_KNOTS + 1):
-            problem = replace(self.problem, steps=timed.knots)
-            if timed.knots > self.problem.steps:
-                return None
-            swings = self.climb.oracles.swings
+    def _timed(self, timed: Timed) -> PlanResult | int | None:
+        """A checked plan of timed moves, with more knots where the body's path ends; or the number of the move at which
+        it ends or motors are too weak, None where there is no plan for another reason.
+        """
+        longer = Counter[int]()
+        while timed.knots <= self.problem.steps:
+            problem, swings = replace(self.problem, steps=timed.knots), self.climb.oracles.swings
             schedule = at_knots(problem, swings, timed.moves, timed.stances, timed.swings)
             with self.climb.work.part("body", 0.4):
                 start = self._start(problem, schedule)
-            if not isinstance(start, int):
-                found = self._solved(problem, schedule, start)
-                return found if isinstance(found, PlanResult) else None
-            longer = timed.stances.copy()
-            longer[_move_at(schedule, start) + (start > len(schedule.contacts) - 3)] += 1
-            timed = replace(timed, stances=longer)
+            if start is None:
+                return None
+            if isinstance(start, Start):
+                found = solve_by_joints(self.climb.session, problem, schedule, start, self.functions)
+                if not isinstance(found, Ended):
+                    return found
+                self.by_places += found.by_places
+                return _move_at(schedule, found.knot)
+            j, end = _move_at(schedule, start.knot), start.knot > len(schedule.contacts) - 3
+            if start.by_places:
+                self.by_places = MOST_BY_PLACES
+                return j
+            if longer[j] == MORE_KNOTS or self.climb.session.late:
+                return j
+            longer[j] += 1
+            stances, flown = timed.stances.copy(), timed.swings.copy()
+            stances[j + end] += 1
+            flown[j] += None in schedule.contacts[start.knot]
+            timed = replace(timed, stances=stances, swings=flown)
         return None
 
-    def _solved(self, problem: Problem, schedule: Schedule, start: Start | int | None) -> PlanResult | int | None:
-        """A checked plan; or the knot at which the path ends or motors are too weak, None for another reason."""
-        if not isinstance(start, Start):
-            return start
-        found = solve_by_joints(self.climb.session, problem, schedule, start, self.functions)
-        self.weak += isinstance(found, int)
-        return found
-
-    def _start(self, problem: Problem, schedule: Schedule) -> Start | int | None:
-        """Where the exact P1 starts; or the knot at which the body's path ends, None where no wrenches go with it."""
-        poses, last = clear_path(problem, self.masks, self.footing, schedule)
-        if poses is None:
-            return last
+    def _start(self, problem: Problem, schedule: Schedule) -> Start | Ended | None:
+        """Where the exact P1 starts; or where the body's path ends, None where no wrenches go with it."""
+        poses = clear_path(problem, self.masks, self.footing, schedule)
+        if isinstance(poses, Ended):
+            return poses
         for half_m in HALVES_M:
             path = path_about(problem, self.footing.oracle, schedule, poses, half_m)
             if path is not None:
                 return start_from_path(problem, path, poses[:, 3])
         return None
-
-
-def _schedule(problem: Problem, climb: Climb, moves: list[Move], swings: Array) -> Schedule:
-    """Swings at their quickest; the stances share the other knots evenly."""
-    stances = np.ones(len(moves) + 1, dtype=int)
-    stances[-1] = 2
-    for _ in range(problem.steps - int(swings.sum() + stances.sum())):
-        stances[int(np.argmin(stances))] += 1
-    return at_knots(problem, climb.oracles.swings, moves, stances, swings)
 
 
 def _move_at(schedule: Schedule, k: int) -> int:

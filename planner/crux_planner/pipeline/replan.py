@@ -21,7 +21,7 @@ from crux_planner.model.problem import Pose, Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.by_joints import UNLIMITED
-from crux_planner.pipeline.by_map import NEAR_MOVES, plan_by_map
+from crux_planner.pipeline.by_map import plan_by_map
 from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.explanation import explain
 from crux_planner.pipeline.fallback import ATTEMPTS, without_blamed
@@ -171,8 +171,7 @@ class Planner:
     def _finish(self, climb: Climb, schedule: Schedule, start: Start) -> PlanResult | None:
         scenario = rewritten(climb.session.scenario, steps=climb.problem.steps)
         problem = self._as_numbered_in(scenario, climb.problem)
-        functions = self.functions if len(schedule.moves) <= NEAR_MOVES else None  # as in plans by map
-        found = finish(_for(climb, scenario).of(problem), schedule, start, functions)
+        found = finish(_for(climb, scenario).of(problem), schedule, start, self.functions)
         if isinstance(found, PlanResult):
             return found
         climb.work.log(f"refused: {found}")

@@ -24,6 +24,7 @@ from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smoo
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost, Timed
 from crux_planner.search.improve import improve, improve_in_fewest
+from crux_planner.search.pose_path import Ended
 from crux_planner.search.schedule import at_knots, least_durations, scheduled
 from crux_planner.search.stances import Oracles
 from crux_planner.trajectory.exact import solve_within_torques
@@ -232,7 +233,7 @@ def finish(
         far = climb.problem.farther()
         if far is not climb.problem and climb is first:
             quiet = replace(climb.session, work=replace(climb.work, log=lambda _line: None))
-            found: PlanResult | InfeasibleError | int | None
+            found: PlanResult | InfeasibleError | Ended | None
             if functions is None:
                 found = _finish_as_it_is(replace(climb, session=quiet).of(far), schedule, start, FAR_CUTS)
             else:

@@ -113,13 +113,18 @@ class StaticEquilibrium(StaticBalance):
         found = qp.solve()
         return qp.constraints.shown_distance(weighted, target, found) if found.solved else float("inf")
 
-    def _least_norm_fits(self, support: tuple[int, ...], position: Array, grippers: tuple[int, ...]) -> bool:
+    def least_norm(self, support: tuple[int, ...]) -> Array:
+        """(4 m, 6): times what they must sum to, the wrenches of least effort of the m grasps of a support."""
+        support = self.bearing(support)
         if support not in self._least_norm:
             effort = np.tile(self.effort, len(support))
             self._least_norm[support] = np.linalg.pinv(self._joined(support) / effort) / effort[:, None]
+        return self._least_norm[support]
+
+    def _least_norm_fits(self, support: tuple[int, ...], position: Array, grippers: tuple[int, ...]) -> bool:
         index = list(support)
         right = self.right_side(position, self.mean_place(grippers))
-        wrench = (self._least_norm[support] @ right).reshape(-1, 4)
+        wrench = (self.least_norm(support) @ right).reshape(-1, 4)
         residual = self._joined(support) @ wrench.ravel() - right
         excess = (wrench[:, :3] @ self.directions.T)[:, None] - self.spine[index]
         normal = np.where(excess > 0, excess / np.maximum(self.load[index], 1e-12), 0.0).max(axis=2)

@@ -19,15 +19,19 @@ import numpy as np
 from crux_planner.model.arrays import Flags, Indices
 from crux_planner.model.schedule import Contacts, Stance, stance_after
 from crux_planner.reach.body_grid import parts
-from crux_planner.search.pose_masks import Footing, PoseMasks, gripper, grown
+from crux_planner.search.pose_masks import Footing, Gripper, PoseMasks, gripper, grown
+from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, move_cost
 from crux_planner.solvers import clock
+from crux_planner.swing.swing import least_intervals
 from crux_planner.swing.swing_cache import SwingCache
 
-GREED = 3.0  # moves to go count so much against those made
-HOP_M = 0.7  # no move is longer, as the estimate of the moves to go sees it
-WAY_SHARE = 0.5  # of a move's cost that its way is, were it so long
+GREED = 2.0  # knots to go count so much against those made
+_FAR_M = 1.2  # between contacts of one limb, beyond which no pose has both in reach
+_LOST = 1000.0  # knots to go from a contact that no hops lead on from: such stances come last
+AMPLE, STRAIN_KNOTS = 200, 3.0  # poses on a stance that are room enough, and what half as many cost
+_SAME = 1e-6
 _NEAR_M = 0.4  # of grippers that may be in each other's way
-SAMPLES, LINKS_AT = 7, (1, 2, 3, 4, 5)  # of a swing, and at which of these limbs are looked at against each other
+LEAST_SAMPLES = 6  # intervals of a swing that are looked at
 
 Node = tuple[Stance, int]
 Step = tuple[Stance, int, Stance]
@@ -43,10 +47,16 @@ class Swing:
     end: int
     lift: Flags  # where the body may be when it lifts off
     free: Flags  # and meanwhile, as far as the other limbs are concerned
+    room: int  # number of these poses from which it also has its end in reach
 
     @property
     def after(self) -> Stance:
         return stance_after(self.before[0], (self.limb,), (self.end,))
+
+    @property
+    def held(self) -> Contacts:
+        """Of the limbs that stay."""
+        return tuple(c if limb != self.limb else None for limb, c in enumerate(self.before[0]))
 
 
 class MapSearch:
@@ -60,7 +70,9 @@ class MapSearch:
         self._mine = [sorted({*problem.limb_contacts[limb], problem.start_contacts[limb]}) for limb in range(4)]
         away = np.linalg.norm(self._places[:, None] - self._places, axis=2)
         self._near = away < _NEAR_M
-        self._hops = np.maximum(np.ceil(away / HOP_M), 1.0) * ~np.eye(len(away), dtype=bool)
+        self._hop = away < _FAR_M
+        self._least = least_intervals(problem.contacts, problem.swing)
+        self._open: dict[tuple[Node, int], bool] = {}
 
     @cached_property
     def _usable(self) -> list[list[int]]:
@@ -85,7 +97,17 @@ class MapSearch:
             if isinstance(each, Swing):
                 if (each.before[0], each.limb, each.after) in without:
                     continue
-                most -= 1
+                way = each.before[0][each.limb], each.end
+                if self.swings.swing(*way) is None:
+                    continue
+                then = cost + move_cost(self.swings, [way]) + _strain(each)
+                promised, rank = rank, then + GREED * self.ahead(each.after)
+                if rank > promised + _SAME:  # the way is longer than it seemed
+                    heapq.heappush(queue, (rank, True, next(count), cost, each))
+                    continue
+                if not self._lifts_off(each):
+                    continue
+                most, cost = most - 1, then
                 for part in self._landed(each):
                     node = each.after, part
                     if cost < best.get(node, np.inf):
@@ -98,9 +120,9 @@ class MapSearch:
             if self._ends(each):
                 return _trace(parent, each)
             for swing in self._swings(each):
-                then = cost + self._cost(swing)
-                rank = then + GREED * self.ahead(swing.after)
-                heapq.heappush(queue, (rank, True, next(count), then, swing))  # after nodes that promise as much
+                least = self._least[swing.before[0][swing.limb], swing.end] + STANCE_KNOTS + MOVE_COST + _strain(swing)
+                rank = cost + least + GREED * self.ahead(swing.after)
+                heapq.heappush(queue, (rank, True, next(count), cost, swing))  # after nodes that promise as much
         return None
 
     def _parts(self, stance: Stance) -> Indices:
@@ -130,19 +152,40 @@ class MapSearch:
                 stances = stances[apart[rows, columns]]
         return stances
 
-    def ahead(self, stance: Stance) -> float:
-        """Moves that a stance needs to the nearest of the goal's, were they no longer than `HOP_M`."""
-        hops = [self._hops[c, self.goals[:, limb]] for limb, c in enumerate(stance)]
-        return float(np.sum(hops, axis=0).min())
+    @cached_property
+    def _to_go(self) -> list[dict[int, float]]:
+        """Of each limb, the knots from each contact to the goal in hops between contacts that some pose has both in
+        reach.
+        """
+        return [self._hops_to_go(limb, np.unique(self.goals[:, limb]).tolist()) for limb in range(4)]
 
-    def _cost(self, swing: Swing) -> float:
-        """Of a move: mostly its being one."""
-        way = self._places[swing.end] - self._places[swing.before[0][swing.limb]]
-        return 1.0 + WAY_SHARE * float(np.linalg.norm(way)) / HOP_M
+    def _hops_to_go(self, limb: int, ends: list[int]) -> dict[int, float]:
+        """The swings of the shortest hops alone are worked out, those that they are not shorter than for certain."""
+        usable, cost = np.array(self._usable[limb], dtype=int), dict[int, float]()
+        held = np.array([np.packbits(self.masks.held(limb, self.masks.at(c))) for c in usable])
+        queue = [(0.0, c, -1) for c in ends]  # -1: exactly so many knots; else least, by a hop to a contact
+        while queue:
+            knots, c, to = heapq.heappop(queue)
+            if c in cost:
+                continue
+            if to >= 0 and self.swings.swing(c, to) is not None:
+                heapq.heappush(queue, (cost[to] + move_cost(self.swings, [(c, to)]), c, -1))
+            if to >= 0:
+                continue
+            cost[c] = knots
+            meet = (held & held[np.searchsorted(usable, c)]).any(axis=1) & self._hop[usable, c]
+            for other in usable[meet].tolist():
+                if other not in cost:
+                    heapq.heappush(queue, (knots + self._least[other, c] + STANCE_KNOTS + MOVE_COST, other, c))
+        return cost
+
+    def ahead(self, stance: Stance) -> float:
+        """Knots from a stance to the goal's, about: each limb in hops, one after the other."""
+        return sum(far.get(c, _LOST) for far, c in zip(self._to_go, stance, strict=True))
 
     def _ends(self, node: Node) -> bool:
         stance, part = node
-        if self.ahead(stance) > 0.0:
+        if not (self.goals == stance).all(axis=1).any():
             return False
         there = (self._parts(stance) == part) & self.masks.goal
         return bool(there.any()) and self.footing.held_at(stance, stance, there)
@@ -161,34 +204,43 @@ class MapSearch:
             free = np.isin(numbers, np.setdiff1d(np.unique(numbers[lift]), [0]))
             holds = {self.problem.contacts[c].hold for c in held if c is not None}
             for end in self._usable[limb]:
-                fits = end != stance[limb] and self.problem.contacts[end].hold not in holds
-                if fits and (free & self.masks.held(limb, self.masks.at(end))).any():
-                    found.append(Swing(node, limb, end, lift, free))
+                fits = self._hop[stance[limb], end] and self.problem.contacts[end].hold not in holds
+                room = int(np.count_nonzero(free & self.masks.held(limb, self.masks.at(end)))) if fits else 0
+                if room and end != stance[limb]:
+                    found.append(Swing(node, limb, end, lift, free, room))
         return found
 
     def _landed(self, swing: Swing) -> list[int]:
         """The parts of the stance after a swing in which the body may come to be."""
         (stance, _), limb, end, after = swing.before, swing.limb, swing.end, swing.after
-        held: Contacts = tuple(c if other != limb else None for other, c in enumerate(stance))
-        if not self.swings.free([(stance[limb], end)], tuple(c for c in held if c is not None)):
-            return []
-        if not self.footing.held_at(held, stance, swing.lift):
+        if not self.swings.free([(stance[limb], end)], tuple(c for c in swing.held if c is not None)):
             return []
         way = self.swings.way(stance[limb], end)
-        poses = way.poses(max(SAMPLES, way.intervals))
         there, grippers = swing.lift, [self.masks.at(c) for c in stance]
-        for sample, k in enumerate(np.linspace(0, len(poses) - 1, SAMPLES).round().astype(int)):
-            grippers[limb] = gripper(poses[k])
+        others: list[Gripper | None] = [at if other != limb else None for other, at in enumerate(grippers)]
+        for pose in way.poses(max(LEAST_SAMPLES, way.intervals)):
+            grippers[limb] = gripper(pose)
             there = grown(there) & swing.free & self.masks.held(limb, grippers[limb])
-            if sample in LINKS_AT:
-                there = self.masks.apart(there, grippers, (limb,))
+            there = self.masks.apart(self.masks.apart(there, others), grippers, (limb,))
             if not there.any():
                 return []
         numbers = self._parts(after)
         new = (set(np.unique(numbers[there]).tolist()) - {0}) if there.any() else set()
-        if not new or not self.footing.held_at(held, after, there & (numbers > 0)):
+        if not new or not self.footing.held_at(swing.held, after, there & (numbers > 0)):
             return []
         return sorted(new)
+
+    def _lifts_off(self, swing: Swing) -> bool:
+        """Whether motors hold the body somewhere as the limb lifts off."""
+        key = swing.before, swing.limb
+        if key not in self._open:
+            self._open[key] = self.footing.held_at(swing.held, swing.before[0], swing.lift)
+        return self._open[key]
+
+
+def _strain(swing: Swing) -> float:
+    """Knots that a move counts for besides: more where it leaves the body little room."""
+    return STRAIN_KNOTS * max(0.0, float(np.log2(AMPLE / swing.room)))
 
 
 def _trace(parent: dict[Node, tuple[Node, int]], node: Node) -> list[Step]:

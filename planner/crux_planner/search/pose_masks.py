@@ -4,6 +4,7 @@ body over the knots have in common.
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -12,7 +13,7 @@ import numpy as np
 from crux_contracts.robot import Robot
 from scipy.spatial import ConvexHull, QhullError
 
-from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem, turned_problem
 from crux_planner.model.schedule import Contacts
@@ -62,7 +63,7 @@ class PoseMasks:
         self.problem, self.grid, self.clear_m = problem, grid, clear_m
         self.reaches = reaches_of(robot, margin_rad, clear_m)
         self._held: dict[tuple[int, Gripper], Flags] = {}
-        self._apart: dict[tuple[Gripper | int, ...], tuple[Flags, Flags]] = {}
+        self._apart: dict[tuple[Gripper | int | None, ...], tuple[Flags, Flags]] = {}
 
     @cached_property
     def goal(self) -> Flags:
@@ -92,11 +93,11 @@ class PoseMasks:
         masks = [self.held(limb, self.at(c)) for limb, c in enumerate(contacts) if c is not None]
         return body_grid.stance(masks)
 
-    def apart(self, mask: Flags, grippers: Sequence[Gripper], moving: Sequence[int] = (0, 1, 2, 3)) -> Flags:
-        """The part of a mask in which `moving` limbs keep off all others."""
-        key: tuple[Gripper | int, ...] = (*grippers, *moving)
+    def apart(self, mask: Flags, grippers: Sequence[Gripper | None], moving: Sequence[int] = (0, 1, 2, 3)) -> Flags:
+        """The part of a mask in which `moving` limbs keep off all others; those without a gripper are left out."""
+        key: tuple[Gripper | int | None, ...] = (*grippers, *moving)
         known, ok = self._apart.setdefault(key, (np.zeros(mask.shape, bool), np.zeros(mask.shape, bool)))
-        where = {limb: np.array(there) for limb, there in enumerate(grippers)}
+        where = {limb: np.array(there) for limb, there in enumerate(grippers) if there is not None}
         unknown = mask & ~known
         if unknown.any():
             ok |= self.grid.apart(unknown, where, self.reaches, self.clear_m, moving, hands=False)
@@ -221,9 +222,61 @@ class Footing:
         way = np.hypot(grid.x_m[cells[:, 4]] - middle[0], grid.y_m[cells[:, 5]] - middle[1])
         order = np.argsort(way + _TURN_M * np.abs(grid.yaw_rad[cells[:, 0]]), kind="stable")
         others = self._random.permutation(order[_NEAREST:])[: _LOOKS - _NEAREST]
-        return any(self._strong_at(held, grippers, tuple(map(int, cells[j]))) for j in [*order[:_NEAREST], *others])
+        return any(self.strong_at(held, grippers, tuple(map(int, cells[j]))) for j in [*order[:_NEAREST], *others])
 
-    def _strong_at(self, held: Contacts, grippers: tuple[int, ...], cell: tuple[int, ...]) -> bool:
+    def carried(self, held: Contacts, grippers_m: Array) -> Array:
+        """What the wrenches of least norm add to J at one knot, (z, x, y) of the grid."""
+        support, oracle, grid = tuple(sorted(c for c in held if c is not None)), self.oracle, self.grid
+        least, effort = oracle.least_norm(support), np.tile(oracle.effort, len(oracle.bearing(support)))
+        body, right = oracle.weight(grippers_m)
+        slope, still = effort[:, None] * (least @ body), effort * (least @ right)
+        square, linear = slope.T @ slope, slope.T @ still
+        z, x, y = np.ix_(grid.z_m, grid.x_m, grid.y_m)
+        at = {0: x, 1: y, 2: z}
+        found = sum(square[i, j] * at[i] * at[j] for i in at for j in at) - 2 * sum(linear[i] * at[i] for i in at)
+        return np.asarray(self.problem.weights.wrench * (found + still @ still))
+
+    def strong(self, held: Contacts, grippers: tuple[int, ...], mask: Flags, yaw: int) -> Flags:
+        """The part of a mask inside the polygon of the farthest cells, along some directions, at which motors hold the
+        body: of a heading, or the nearest to it that has some.
+        """
+        grid, middle = self.grid, self.oracle.mean_place(tuple(c for c in held if c is not None))
+        order = sorted(np.flatnonzero(mask.any(axis=(1, 2, 3, 4, 5))).tolist(), key=lambda other: abs(other - yaw))
+        for heading in order:
+            cells = np.argwhere(mask[heading])
+            cells = cells[np.argsort(np.hypot(grid.x_m[cells[:, 3]] - middle[0], grid.y_m[cells[:, 4]] - middle[1]))]
+            at = np.column_stack([np.full(len(cells), heading), cells])
+            begun = next(
+                (cell for cell in at[:_NEAREST] if self.strong_at(held, grippers, tuple(map(int, cell)))), None
+            )
+            if begun is not None:
+                return np.asarray(mask & self._inside(held, grippers, at, begun))
+        return np.zeros_like(mask)
+
+    def _inside(self, held: Contacts, grippers: tuple[int, ...], cells: Indices, begun: Indices) -> Flags:
+        """(x, y) inside the polygon of the farthest of the cells (n, 6) around one at which motors hold the body."""
+
+        def farthest(ray: Indices) -> Indices:
+            def weak(i: int) -> bool:
+                return not self.strong_at(held, grippers, tuple(map(int, ray[i])))
+
+            count = bisect.bisect_left(range(len(ray)), True, key=weak)
+            return np.asarray(ray[count - 1] if count else begun)
+
+        ends, way = [begun[4:]], (cells - begun)[:, 4:]
+        for angle in _DIRECTIONS:
+            along, off = way @ [np.cos(angle), np.sin(angle)], way @ [-np.sin(angle), np.cos(angle)]
+            on = np.flatnonzero((along > 0.0) & (np.abs(off) <= 0.5))
+            ends.append(farthest(cells[on[np.argsort(along[on])]])[4:])
+        places = np.stack(np.meshgrid(*map(np.arange, self.grid.shape[4:]), indexing="ij"), axis=-1)
+        try:
+            sides = ConvexHull(np.array(ends)).equations
+        except QhullError:  # next to no area
+            return np.asarray((places == begun[4:]).all(axis=-1))
+        return np.asarray((places @ sides[:, :2].T + sides[:, 2] <= 1e-6).all(axis=-1))
+
+    def strong_at(self, held: Contacts, grippers: tuple[int, ...], cell: tuple[int, ...]) -> bool:
+        """Whether motors hold the body there."""
         key = held, grippers, cell
         if key not in self._strong:
             place, rpy = self.grid.pose(cell)

@@ -6,11 +6,14 @@ All costs are sums of squares along axes, so the best of all neighbours of every
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.problem import Problem
-from crux_planner.model.schedule import Schedule
+from crux_planner.model.schedule import Contacts, Schedule, Stance, stance_after
 from crux_planner.search.body_path import SPEED_SHARE
 from crux_planner.search.pose_masks import Footing, PoseMasks, gripper, grown
 from crux_planner.search.schedule import TURN_SHARE
@@ -39,33 +42,63 @@ def knot_masks(masks: PoseMasks, footing: Footing, schedule: Schedule) -> list[F
     return series
 
 
-def clear_path(problem: Problem, masks: PoseMasks, footing: Footing, schedule: Schedule) -> tuple[Array | None, int]:
-    """As `pose_path`, limbs off each other: looked at where the path comes by, until it is clear."""
-    knots, grippers = (
-        knot_masks(masks, footing, schedule),
-        [[gripper(pose) for pose in knot] for knot in schedule.poses],
-    )
+@dataclass(frozen=True)
+class Ended:
+    """The knot at which there is no way on, and whether the grippers' places alone are to blame for it: turned
+    otherwise, limbs would be as weak, or as far beyond the limits of their first three joints.
+    """
+
+    knot: int
+    by_places: bool
+
+
+def clear_path(problem: Problem, masks: PoseMasks, footing: Footing, schedule: Schedule) -> Array | Ended:
+    """As `pose_path`, (N + 1, 4) x, y, z and yaw, limbs off each other and motors strong enough: looked at where the
+    path comes by, until it is clear.
+    """
+    knots = knot_masks(masks, footing, schedule)
+    grippers = [[gripper(pose) for pose in knot] for knot in schedule.poses]
+    at = list(zip([tuple(knot) for knot in schedule.contacts], _nearest_stances(schedule), strict=True))
+    carried = {each: footing.carried(each[0], footing.oracle.mean_place(each[1])) for each in set(at)}
+    strong: dict[tuple[Contacts, Stance], Flags] = {}
     for _ in range(_ROUNDS):
-        cells, last = pose_path(problem, masks, knots)
+        cells, last = pose_path(problem, masks, knots, [carried[each] for each in at])
         if cells is None:
-            return None, last
+            return Ended(last, at[last] in strong and not knots[last].any())
         met = False
         for k, cell in enumerate(cells, start=2):
             here = np.zeros_like(knots[k])
             here[cell] = True
             if not masks.apart(here, grippers[k]).any():
                 knots[k] = masks.apart(knots[k], grippers[k])
-                met = True
+            elif not footing.strong_at(*at[k], cell):
+                if at[k] not in strong:
+                    strong[at[k]] = footing.strong(*at[k], knots[k], cell[0])
+                knots[k] = knots[k] & strong[at[k]] & ~grown(here)
+            else:
+                continue
+            met = True
         if not met:
             poses = [(*masks.grid.pose(cell)[0], masks.grid.pose(cell)[1][2]) for cell in cells]
             begin = (*problem.start.position_m, 0.0)
-            return np.array([begin, begin, *poses]), last
-    return None, last
+            return np.array([begin, begin, *poses])
+    return Ended(last, by_places=False)
 
 
-def pose_path(problem: Problem, masks: PoseMasks, knots: list[Flags]) -> tuple[list[Cell] | None, int]:
+def _nearest_stances(schedule: Schedule) -> list[Stance]:
+    """Of each knot, the stance that is nearest in time."""
+    at = [k for k, knot in enumerate(schedule.contacts) if None not in knot]
+    stances = [
+        stance_after((0, 0, 0, 0), (0, 1, 2, 3), tuple(c for c in schedule.contacts[k] if c is not None)) for k in at
+    ]
+    return [stances[int(np.argmin(np.abs(np.array(at) - k)))] for k in range(len(schedule.contacts))]
+
+
+def pose_path(
+    problem: Problem, masks: PoseMasks, knots: list[Flags], carried: Sequence[Array | float] | None = None
+) -> tuple[list[Cell] | None, int]:
     """The cells of knots 2..N on the cheapest way by J, the body at the start until knot 1; or None and the knot at
-    which there is no way on.
+    which there is no way on. `carried` is what wrenches add to J at each knot, broadcast to the grid's shape.
     """
     grid, weights, last = masks.grid, problem.weights, len(knots) - 1
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
@@ -79,7 +112,7 @@ def pose_path(problem: Problem, masks: PoseMasks, knots: list[Flags]) -> tuple[l
         best = values[-1]
         for axis, nodes in enumerate(grid.axes):
             best = _best_neighbour(best, axis, nodes, most[axis], price)
-        value, outside = np.where(knots[k], best + here, np.inf), ~knots[k]
+        value, outside = np.where(knots[k], best + here + (0.0 if carried is None else carried[k]), np.inf), ~knots[k]
         for _ in range(_EDGE_CELLS):
             outside = grown(outside)
             value[outside] += _EDGE_COST

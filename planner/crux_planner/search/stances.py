@@ -52,7 +52,7 @@ def costs_to_go(problem: Problem, reach: ReachableSet, swings: SwingCache) -> li
             cost[c] = done
             for other in map(int, reach.neighbours(limb, c)):
                 if other in usable and other not in cost and swings.swing(other, c) is not None:
-                    heapq.heappush(queue, (done + _move_cost(swings, [(other, c)]), other))
+                    heapq.heappush(queue, (done + move_cost(swings, [(other, c)]), other))
         tables.append(cost)
     return tables
 
@@ -194,7 +194,7 @@ class _Tree:
             moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
             if self.estimate(after) >= UNREACHABLE or not swings.exist(moves, support) or reach.of(after) is None:
                 continue
-            new_cost = cost + _move_cost(swings, moves)
+            new_cost = cost + move_cost(swings, moves)
             if new_cost < self._best.get(after, np.inf) - 1e-9:
                 self._add(new_cost, after, way, self._greed)
 
@@ -219,7 +219,8 @@ class _Tree:
         heapq.heappush(self.open, (promises, ahead, next(self._counter), cost, stance, way))
 
 
-def _move_cost(swings: SwingCache, moves: list[tuple[int, int]]) -> float:
+def move_cost(swings: SwingCache, moves: list[tuple[int, int]]) -> float:
+    """Knots that limbs take to go from one contact to another each, all at once, and the stance after it."""
     return max(swings.intervals(a, b) for a, b in moves) + STANCE_KNOTS + MOVE_COST * len(moves)
 
 

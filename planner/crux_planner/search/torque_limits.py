@@ -101,7 +101,7 @@ class TorqueLimits(StaticEquilibrium):
         """Whether the wrenches of least norm are within the limit surface and the torques."""
         if not self._least_norm_fits(support, place, grippers):
             return False
-        wrench = (self._least_norm[support] @ self.right_side(place, self.mean_place(grippers))).reshape(-1, 4)
+        wrench = (self.least_norm(support) @ self.right_side(place, self.mean_place(grippers))).reshape(-1, 4)
         for (rows, still, limit), w in zip(self._torques(support, place, limbs), wrench, strict=True):
             if (np.abs(rows @ w + still) > limit).any():
                 return False

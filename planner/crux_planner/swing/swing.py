@@ -16,6 +16,7 @@ from crux_planner.model.cuboids import Cuboids
 STEP_SHARE = 0.95  # of the distance a knot's duration allows: space for rounding
 HEIGHT_RESERVE_M = 0.002
 _SAMPLE_M = 0.01
+_ROUNDING = 1e-9
 _BODY_SIDE = 0.5  # way that a metre nearer to the body is worth
 _CORNERS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])  # going round
 
@@ -85,6 +86,14 @@ def plan_swing(
         fall = max(1, int(np.ceil((way[-1, 2] - end.centre_h_m[2]) / reach)))
         return Swing(start, end, way, tuple(legs), rise, fall)
     return None
+
+
+def least_intervals(contacts: list[Contact], limits: SwingLimits) -> Array:
+    """(C, C) knot intervals that swings from one contact to another take at least: straight, up and down."""
+    places, yaw = np.array([c.centre_h_m for c in contacts]), np.array([c.yaw_rad for c in contacts])
+    away, turn = np.linalg.norm(places[:, None] - places, axis=2), np.abs(yaw[:, None] - yaw)
+    across = np.maximum(away / limits.speed_m_s, turn / limits.yaw_rate_rad_s) / (STEP_SHARE * limits.dt_s)
+    return np.asarray(2.0 + np.maximum(np.ceil(across - _ROUNDING), 1.0))
 
 
 def column_gap(points: Array, cuboids: Cuboids) -> Array:

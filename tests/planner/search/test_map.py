@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot, load_robot
-from crux_planner.model.arrays import Flags
+from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.build import build_problem
+from crux_planner.model.schedule import Move
 from crux_planner.reach.body_grid import BodyGrid
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.map_search import MapSearch
 from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about, grown
-from crux_planner.search.pose_path import pose_path
+from crux_planner.search.pose_path import Ended, clear_path, pose_path
+from crux_planner.search.schedule import at_knots
 from crux_planner.swing.swing_cache import SwingCache
-from walls import scenario, two_rows
+from scipy.sparse.csgraph import dijkstra
+from walls import ladder, scenario, two_rows
 
 
 @lru_cache
@@ -152,3 +156,113 @@ def test_where_there_is_no_way_the_knot_is_named(robot: Robot) -> None:
     knots = [np.ones(masks.grid.shape, dtype=bool) for _ in range(12)]
     knots[5] = np.zeros_like(knots[5])
     assert pose_path(problem, masks, knots) == (None, 5)
+
+
+def far_search() -> MapSearch:
+    """A long ladder: its rungs are one hop apart, and the goal many."""
+    robot = load_robot("scaler")
+    problem = build_problem(scenario(ladder(12)), robot).aimed()
+    grid = grid_about(problem, 0.02, 0.07, 0.2, 0.2)
+    return MapSearch(PoseMasks(problem, robot, grid, 0.04), Footing(problem, grid), SwingCache(problem))
+
+
+def test_a_far_goal_is_found_with_few_looks_at_moves() -> None:
+    found = far_search()
+    way = found.find((), 100, np.inf)
+    assert way is not None
+    assert (found.goals == way[-1][2]).all(axis=1).any()
+
+
+def test_what_is_ahead_is_the_shortest_way_of_each_limb() -> None:
+    """As another library has it, of all hops there are."""
+    found, ahead = far_search(), 0.0
+    problem, masks, swings = found.problem, found.masks, found.swings
+    for limb, start in enumerate(problem.start_contacts):
+        mine = sorted({start, *problem.limb_contacts[limb]})
+        hops = np.zeros((len(mine), len(mine)))
+        for i, j in itertools.permutations(range(len(mine)), 2):
+            if (masks.held(limb, masks.at(mine[i])) & masks.held(limb, masks.at(mine[j]))).any():
+                way = swings.swing(mine[i], mine[j])
+                hops[i, j] = 0.0 if way is None else way.intervals + 1.2
+        ends = [mine.index(c) for c in np.unique(found.goals[:, limb]).tolist()]
+        ahead += dijkstra(hops.T, indices=ends, min_only=True)[mine.index(start)]
+    assert found.ahead(problem.start_contacts) == pytest.approx(ahead)
+
+
+def test_limbs_keep_off_one_another_while_one_swings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that stay as well: a move is not found where their links would meet."""
+    found = far_search()
+    start, limb = found.problem.start_contacts, 0
+    swings = [s for part in np.unique(found._parts(start))[1:] for s in found._swings((start, int(part)))]
+    open_to = [s for s in swings if s.limb == limb and found._landed(s)]
+    assert open_to
+    asked = []
+
+    def apart(mask: Flags, grippers: list[object], _moving: tuple[int, ...] = ()) -> Flags:
+        asked.append([i for i, at in enumerate(grippers) if at is not None])
+        return mask if len(asked[-1]) == 4 else np.zeros_like(mask)  # as if the limbs that stay met
+
+    monkeypatch.setattr(found.masks, "apart", apart)
+    assert not found._landed(open_to[0])
+    assert [1, 2, 3] in asked
+
+
+def test_links_of_limbs_without_a_gripper_are_left_out() -> None:
+    masks = search().masks
+    grippers = [masks.at(c) for c in search().problem.start_contacts]
+    grippers[0], grippers[2] = (0.08, 0.35, 0.04, 0.63), (0.08, 0.22, 0.1, 1.28)  # one behind the other
+    mask = np.logical_and.reduce([masks.held(limb, there) for limb, there in enumerate(grippers)])
+    assert (masks.apart(mask, grippers) != mask).any()
+    np.testing.assert_array_equal(masks.apart(mask, [None, *grippers[1:]]), mask)
+
+
+def test_what_wrenches_add_to_the_cost_is_that_of_the_least() -> None:
+    footing = search().footing
+    problem, oracle, grid = footing.problem, footing.oracle, footing.grid
+    start = problem.start_contacts
+    held, middle = (None, *start[1:]), oracle.mean_place(start)
+    carried = np.broadcast_to(footing.carried(held, middle), grid.shape[3:])
+    effort = np.tile(oracle.effort, 3)
+    maps = np.concatenate(oracle.maps[sorted(start[1:])], axis=1)
+    for cell in ((0, 0, 0), (0, 3, 5), (0, 7, 1)):
+        place, _ = grid.pose((0, 0, 0, *cell))
+        body, right = oracle.weight(middle)
+        least = np.linalg.lstsq(maps / effort, right - body @ place, rcond=None)[0]
+        assert carried[cell] == pytest.approx(problem.weights.wrench * float(least @ least))
+
+
+def test_the_body_keeps_where_motors_hold_it() -> None:
+    """With weak ones, the path goes elsewhere; with weaker ones it ends where no place is left."""
+    found = search()
+    problem, masks = found.problem, found.masks
+    way = found.find((), 500, np.inf)
+    assert way is not None
+    moves = [Move(before, after, (limb,), *[problem.start.position_m] * 2) for before, limb, after in way]
+    air = np.array([found.swings.intervals(before[limb], after[limb]) for before, limb, after in way])
+    stances = np.full(len(moves) + 1, 3)
+    problem = replace(problem, steps=int(stances.sum() + air.sum()))
+    schedule = at_knots(problem, found.swings, moves, stances, air)
+    strong = clear_path(problem, masks, Footing(problem, masks.grid), schedule)
+    assert not isinstance(strong, Ended)
+    weak = Footing(problem, masks.grid)
+    weak.oracle = weak.oracle.within(0.2 * problem.last_torques_Nm)
+    ended = clear_path(problem, masks, weak, schedule)
+    assert isinstance(ended, Ended)
+    assert ended.by_places
+    weak = Footing(problem, masks.grid)
+    weak.oracle = weak.oracle.within(0.62 * problem.last_torques_Nm)
+    path = clear_path(problem, masks, weak, schedule)
+    assert not isinstance(path, Ended)
+    stood = [k for k, knot in enumerate(schedule.contacts) if None not in knot]
+
+    def too_weak(poses: Array) -> list[int]:
+        found = []
+        for k in (k for k, knot in enumerate(schedule.contacts) if None in knot and abs(poses[k, 3]) < 1e-9):
+            nearest = schedule.contacts[min(stood, key=lambda at: abs(at - k))]
+            grippers = tuple(c for c in nearest if c is not None)
+            if not weak.oracle.hold(tuple(schedule.contacts[k]), poses[k, :3], grippers):
+                found.append(k)
+        return found
+
+    assert len(too_weak(strong)) > 3
+    assert not too_weak(path)
