@@ -48,6 +48,7 @@ BODIES = {  # by name: the solid, and what is said of it at 15 and at 32 degrees
     "wide": (standing(0.0, -0.15, box(0.15, 0.15, 0.06)), "wider", "wider"),
     "low": (standing(0.25, 0.25, box(0.06, 0.06, 0.022)), "too low", "too low"),
     "leaning": (standing(0.25, -0.05, leaning(0.09, 0.05, 28.0)), "lean", ""),
+    "post": (standing(0.3, -0.25, trimesh.creation.cylinder(0.012, 0.06)), "round", "round"),
     "beside": (standing(0.1, 0.12, box(0.05, 0.05, 0.06)), "beside", "beside"),
     "neighbours": (
         trimesh.util.concatenate(

@@ -34,7 +34,7 @@ REASONS = (
     "wider than the gripper opens",
     "its faces lean from the gripper's axis by more than the limit",
     "its faces lie across the wall: an upright gripper does not close over them",
-    "too rough, hollow or small where the pads press",
+    "too rough, hollow, round or small where the pads press",
     "too low or too high for the gripper's pads",
     "the fingers would touch something beside it",
     "the palm would touch it or what is beside it",
@@ -50,6 +50,7 @@ class Limits:
     tilt_deg: float = 15.0  # of a patch against the gripper's axis
     coverage: float = 0.8  # share of the pad that bears
     roughness_m: float = 0.002  # a part of the patch that is farther from its plane bears nothing
+    turn_deg: float = 25.0  # of what bears, from the pad's middle to its rim: edges that are rounded are no faces
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,13 +201,28 @@ def _patch(surface: Surface, point: Array, normal: Array, radius: float, limits:
         if last == ROUNDS - 1:
             break
         hit = (np.abs(off) < LIFT_M - 1e-4).astype(float)
-        terms = np.column_stack([disc, np.ones(len(disc))])
-        squares = np.einsum("ki,kj,nk->nij", terms, terms, hit) + 1e-9 * np.eye(3)
-        sums = np.einsum("ki,nk->ni", terms, hit * np.where(hit > 0.0, off, 0.0))
-        slope = np.clip(np.linalg.solve(squares, sums[..., None])[..., 0], -0.5, 0.5)
+        slope = np.clip(_fit(np.column_stack([disc, np.ones(len(disc))]), off, hit), -0.5, 0.5)
         at = at + np.clip(slope[:, 2:], -0.004, 0.004) * outward
         outward = _unit(outward - slope[:, :1] * u - slope[:, 1:2] * v)
-    return _Patches(outward, at, (np.abs(off) <= limits.roughness_m).mean(axis=1))
+    bears = (np.abs(off) <= limits.roughness_m).astype(float)
+    turn = 2.0 * np.abs(np.linalg.eigvalsh(_curvature(disc, off, bears))).max(axis=1, initial=0.0) * radius
+    return _Patches(outward, at, np.where(turn <= np.tan(np.radians(limits.turn_deg)), bears.mean(axis=1), 0.0))
+
+
+def _curvature(disc: Array, off: Array, weight: Array) -> Array:
+    """(n, 2, 2) the quadratic form of the paraboloids that fit `off` (n, k) best at the places (k, 2) of a disc."""
+    x, y = disc.T
+    found = _fit(np.column_stack([x * x, x * y, y * y, x, y, np.ones(len(disc))]), off, weight)
+    return np.stack([found[:, :1], found[:, 1:2] / 2.0, found[:, 1:2] / 2.0, found[:, 2:3]], axis=1).reshape(-1, 2, 2)
+
+
+def _fit(terms: Array, off: Array, weight: Array) -> Array:
+    """(n, t) least squares of off (n, k) by terms (k, t), each with weights (n, k)."""
+    size = np.linalg.norm(terms, axis=0)
+    unit = terms / size
+    squares = np.einsum("ki,kj,nk->nij", unit, unit, weight) + 1e-6 * np.eye(len(size))
+    sums = np.einsum("ki,nk->ni", unit, weight * np.where(weight > 0.0, off, 0.0))
+    return np.asarray(np.linalg.solve(squares, sums[..., None])[..., 0] / size)
 
 
 def _space(surface: Surface, places: Places, i: int, robot: Robot) -> int:
