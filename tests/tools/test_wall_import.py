@@ -12,6 +12,7 @@ import trimesh
 import yaml
 from climbs import climb_here
 from crux_contracts.scenario import load_scenario
+from crux_simulation.wall.read import read_surface
 from crux_tools.cli import main
 from crux_tools.paths import SCENARIOS
 
@@ -154,6 +155,41 @@ def test_a_height_map_may_say_its_unit_and_its_places(tmp_path: Path, capsys: py
     assert sorted(body["size_m"]) == pytest.approx([0.05, 0.06, 0.06], abs=0.006)
 
 
+def plane(count: int, pitch_m: float) -> np.ndarray:
+    x, y = np.meshgrid(*[pitch_m * np.arange(count)] * 2)
+    return np.stack([x, y, np.zeros_like(x)], axis=2).reshape(-1, 3)
+
+
+def pcd(path: Path, points: np.ndarray, form: str, lost: int = 0) -> None:
+    """Points with a field before and one after, of which the last `lost` bytes are missing."""
+    header = "# .PCD v0.7\nVERSION 0.7\nFIELDS normal x y z rgb\nSIZE 4 8 4 4 4\nTYPE F F F F U\nCOUNT 3 1 1 1 1\n"
+    header += f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA {form}\n"
+    if form == "ascii":
+        body = "".join(f"7 8 9 {x} {y} {z} 10\n" for x, y, z in points).encode()
+    else:
+        rows = np.zeros(len(points), [("n", "<f4", 3), ("x", "<f8"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
+        rows["x"], rows["y"], rows["z"], rows["n"] = *points.T, 7.0
+        body = rows.tobytes()
+    path.write_bytes(header.encode() + body[: len(body) - lost])
+
+
+def test_every_kind_of_cloud_gives_the_same_surface(tmp_path: Path) -> None:
+    points = plane(100, 0.003)
+    points[(np.abs(points[:, :2] - 0.15) < 0.03).all(axis=1), 2] = 0.004
+    trimesh.PointCloud(points).export(tmp_path / "a.ply")
+    trimesh.PointCloud(points).export(tmp_path / "a.xyz")
+    np.savez(tmp_path / "a.npz", xyz_m=points, normal=np.zeros_like(points))
+    unseen = np.vstack([points, np.full((5, 3), np.nan)])
+    for form in ("ascii", "binary"):
+        pcd(tmp_path / f"{form}.pcd", unseen, form)
+    for name in ("a.ply", "a.xyz", "a.npz", "ascii.pcd", "binary.pcd"):
+        surface = read_surface(tmp_path / name, 1.0, None, np.array([0.3, 0.0, 1.0]))
+        inner = surface.vertices[(np.abs(surface.vertices[:, :2] - 0.15) < 0.02).all(axis=1)]
+        assert inner[:, 2] == pytest.approx(0.004, abs=1e-5), name
+        assert surface.mesh.area == pytest.approx(0.3**2, rel=0.05), name
+        assert np.mean(surface.mesh.face_normals[:, 2] > 0.0) > 0.99, name
+
+
 def test_a_boards_table_is_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = [f"h{i},{x},{y},20" for i, (x, y) in enumerate((x, y) for x in (0.0, 0.28, 0.43) for y in (0.36, -0.36))]
     (tmp_path / "board.csv").write_text("\n".join(["# by hand", "cell,x_up_m_measured,y_left_m,up_deg", *rows]))
@@ -174,7 +210,12 @@ def test_a_boards_table_is_holds(tmp_path: Path, capsys: pytest.CaptureFixture[s
         ("none.ply", [], "no such file"),
         ("wall.step", [], ".step: expected one of .stl"),
         ("bad.ply", [], "cannot be read as a mesh"),
-        ("cloud.ply", [], "has no triangles"),
+        ("cloud.ply", [], "has 3 points and no triangles"),
+        ("sparse.xyz", [], "its points are 0.044 m apart, expected at most 0.008 m"),
+        ("heap.xyz", [], "has 2 points and no triangles"),
+        ("short.pcd", [], "cannot be read as a PCD file: buffer is smaller"),
+        ("packed.pcd", [], "DATA binary_compressed: expected ascii or binary; make it binary: pcl_convert_pcd"),
+        ("none.pcd", [], "has no line DATA: is no PCD file"),
         ("large.stl", [], "is 900 m across, expected 0.2 to 40 m; looks like millimetres: --scale 0.001?"),
         ("map.npy", [], "give --pitch"),
         ("three.npy", ["--pitch", "0.01"], "shape (2, 2, 2)"),
@@ -188,6 +229,11 @@ def test_what_cannot_be_read_says_what_would_be_right(
     (tmp_path / "wall.step").write_bytes(b"ISO-10303-21;")
     (tmp_path / "bad.ply").write_bytes(b"ply\nformat ascii 9\n")
     trimesh.PointCloud(np.eye(3)).export(tmp_path / "cloud.ply")
+    trimesh.PointCloud(plane(21, 0.05)).export(tmp_path / "sparse.xyz")
+    trimesh.PointCloud(np.repeat([[0, 0, 0], [0.3, 0, 0]], 60, axis=0)).export(tmp_path / "heap.xyz")
+    pcd(tmp_path / "short.pcd", np.zeros((9, 3)), "binary", lost=4)
+    pcd(tmp_path / "packed.pcd", np.zeros((9, 3)), "binary_compressed")
+    (tmp_path / "none.pcd").write_bytes(b"VERSION 0.7\n")
     trimesh.creation.box((900.0, 800.0, 10.0)).export(tmp_path / "large.stl")
     np.save(tmp_path / "map.npy", np.zeros((4, 5)))
     np.save(tmp_path / "three.npy", np.zeros((2, 2, 2)))

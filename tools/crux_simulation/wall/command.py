@@ -28,8 +28,9 @@ def add_import(actions: Any) -> None:
         "import",
         help="make a scenario of a scanned wall",
         **taught(
-            "Makes a scenario of a mesh (STL, OBJ, PLY, glTF, OFF) or a height map (npy, npz, PNG, TIFF; rows are "
-            "y, columns x). The plane that most of it lies in becomes the wall. Every body that stands on it "
+            "Makes a scenario of a mesh (STL, OBJ, PLY, glTF, OFF), a cloud of points at most 8 mm apart (PLY, PCD, "
+            "XYZ, npz with xyz_m), or a height map (npy, npz, PNG, TIFF; rows are y, columns x). The plane that most "
+            "of it lies in becomes the wall. Every body that stands on it "
             "becomes a hold where the robot's gripper can take it upright: two patches that are opposite, flat, "
             "and within its opening, with space for fingers and palm. All others become obstacles, with the "
             "reason. Of a board's table (CSV with the columns name, x_m up, y_m left, yaw_deg, size_x_m, "
@@ -42,7 +43,7 @@ def add_import(actions: Any) -> None:
             "crux wall import board.csv -o wall.yaml --slope 130",
         ),
     )
-    parser.add_argument("scan", type=Path, metavar="SCAN", help="a mesh, a height map or a board's table")
+    parser.add_argument("scan", type=Path, metavar="SCAN", help="a mesh, a cloud, a height map or a board's table")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="WALL.yaml", help="the new scenario")
     parser.add_argument("--robot", default="scaler", metavar="R", help="name or folder of the robot (scaler)")
     parser.add_argument("--scale", type=positive, default=1.0, metavar="M", help="metres of the scan's unit (1)")
@@ -141,7 +142,7 @@ def add_parser(subparsers: Any) -> None:
         "wall",
         help="make a wall of a scan, and check what it offers",
         **taught(
-            "Walls: import makes a scenario of a mesh or a height map. check says which holds a robot can grip, by "
+            "Walls: import makes a scenario of a scan. check says which holds a robot can grip, by "
             "which limbs and from where, and how far up it gets.",
             "crux wall import scan.ply -o wall.yaml --down 0 0 -1",
             "crux wall check wall.yaml --picture wall.png",

@@ -94,9 +94,9 @@ def imported(scan: Path, output: Path, options: Options) -> Imported:
 
 
 def _placed(scan: Path, options: Options) -> Placed:
-    surface = read_surface(scan, options.scale, options.pitch_m)
-    down = None if options.down is None else np.array(options.down)
-    return placed(surface, np.array(options.outward), down, options.slope_deg)
+    outward, down = np.array(options.outward), None if options.down is None else np.array(options.down)
+    surface = read_surface(scan, options.scale, options.pitch_m, outward)
+    return placed(surface, outward, down, options.slope_deg)
 
 
 def _found(wall: Placed, robot: Robot, options: Options) -> list[Box]:

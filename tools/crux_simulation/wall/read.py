@@ -1,4 +1,4 @@
-"""A scan read from its file, in metres: meshes by trimesh, height maps as grids of triangles."""
+"""A scan read from its file, in metres: meshes by trimesh, clouds of points, height maps as grids of triangles."""
 
 from __future__ import annotations
 
@@ -10,56 +10,77 @@ import trimesh
 from crux_tools.errors import UsageError
 from numpy.typing import NDArray
 
+from crux_simulation.wall.cloud import surface_of
+from crux_simulation.wall.pcd import read_pcd
 from crux_simulation.wall.surface import Array, Surface
 
-MESHES = (".stl", ".obj", ".ply", ".glb", ".gltf", ".off")
+MESHES = (".stl", ".obj", ".ply", ".glb", ".gltf", ".off", ".xyz")
 MAPS = (".npy", ".npz", ".png", ".tif", ".tiff")
+POINTS = "xyz_m"  # in an npz, a cloud [m]
 MAX_TRIANGLES = 4_000_000
 SIZE_M = (0.2, 40.0)  # of a wall; outside of it a scale is wrong
 
 
-def read_surface(path: Path, scale: float, pitch_m: float | None) -> Surface:
-    """Metres are `scale` times the file's unit; `pitch_m` is that of a height map which does not say its own."""
+def read_surface(path: Path, scale: float, pitch_m: float | None, outward: Array) -> Surface:
+    """Metres are `scale` times the file's unit; `pitch_m` is that of a height map which does not say its own, and
+    `outward` about the way off the wall.
+    """
     if not path.is_file():
         raise UsageError(f"{path}: no such file")
     suffix = path.suffix.lower()
-    if suffix in MESHES:
+    if suffix == ".pcd":
+        surface = _points(read_pcd(path), scale)
+    elif suffix in MESHES:
         surface = _mesh(path, scale)
     elif suffix in MAPS:
-        surface = _height_map(path, scale, pitch_m)
+        surface = _arrays(path, scale, pitch_m)
     else:
-        kinds = ", ".join((*MESHES, *MAPS))
+        kinds = ", ".join((*MESHES, ".pcd", *MAPS))
         raise UsageError(f"{path}: {suffix or 'no ending'}: expected one of {kinds}")
     if not np.isfinite(surface.vertices).all():
         raise UsageError(f"{path}: has vertices that are not finite numbers")
-    if not 0 < len(surface.faces) <= MAX_TRIANGLES:
-        raise UsageError(
-            f"{path}: {len(surface.faces):,} triangles: expected 1 to {MAX_TRIANGLES:,}; simplify it first"
-        )
+    if not len(surface.vertices):
+        raise UsageError(f"{path}: has neither triangles nor points")
     size = float(np.ptp(surface.vertices, axis=0).max())
     if not SIZE_M[0] <= size <= SIZE_M[1]:
         hint = "looks like millimetres: --scale 0.001?" if 200.0 <= size <= 40000.0 else "give --scale"
         raise UsageError(f"{path}: is {size:.3g} m across, expected {SIZE_M[0]:g} to {SIZE_M[1]:g} m; {hint}")
+    if not len(surface.faces):
+        surface = surface_of(surface.vertices, outward, path)
+    if not 0 < len(surface.faces) <= MAX_TRIANGLES:
+        raise UsageError(
+            f"{path}: {len(surface.faces):,} triangles: expected 1 to {MAX_TRIANGLES:,}; simplify it first"
+        )
     return surface
 
 
 def _mesh(path: Path, scale: float) -> Surface:
+    """Without triangles, the vertices are a cloud of points."""
     try:
-        mesh = trimesh.load(path, force="mesh", process=False)
+        mesh = trimesh.load(path, process=False)
+        mesh = mesh.to_mesh() if isinstance(mesh, trimesh.Scene) else mesh
     except Exception as error:  # each of trimesh's readers raises its own
         raise UsageError(f"{path}: cannot be read as a mesh: {error}") from None
-    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-        raise UsageError(f"{path}: has no triangles: it seems to be a cloud of points, make a mesh of it first")
+    if isinstance(mesh, trimesh.PointCloud):
+        return _points(mesh.vertices, scale)
     mesh.merge_vertices()
-    return Surface(scale * np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64))
+    return Surface(scale * np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64).reshape(-1, 3))
 
 
-def _height_map(path: Path, scale: float, pitch_m: float | None) -> Surface:
-    """Heights [rows: y, columns: x], NaN or below any number of use where unseen."""
+def _points(points: NDArray[Any], scale: float) -> Surface:
+    """A cloud (n, 3), without triangles; places that were not seen are not finite."""
+    seen = np.isfinite(points).all(axis=1)
+    return Surface(scale * np.asarray(points[seen], float), np.zeros((0, 3), np.int64))
+
+
+def _arrays(path: Path, scale: float, pitch_m: float | None) -> Surface:
+    """Heights [rows: y, columns: x], NaN or below any number of use where unseen; of an npz also `POINTS`."""
     places: list[Array | None] = [None, None]
     try:
         if path.suffix.lower() == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
+                if POINTS in arrays and arrays[POINTS].shape[1:] == (3,):
+                    return _points(arrays[POINTS], scale)
                 grids = [name for name in arrays if arrays[name].ndim == 2]
                 if len(grids) != 1:
                     raise UsageError(f"{path}: has {len(grids)} two-dimensional arrays: expected one, of heights")
