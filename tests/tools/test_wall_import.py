@@ -112,6 +112,12 @@ def test_each_body_is_what_it_is(tilt_deg: int, which: int, tmp_path: Path, caps
         assert frustum["friction"]["+x"] == pytest.approx(left, abs=0.03)
 
 
+def test_a_wall_without_a_pair_of_faces_is_all_obstacles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = scan(tmp_path, [standing(0.0, 0.0, box(0.15, 0.15, 0.06))], (0.4, 0.4))
+    said = wall_import(capsys, str(path), "-o", str(tmp_path / "wall.yaml"), "--outward", *vector(OUT), status=1)
+    assert [(body["hold"], body["reason"]) for body in said["bodies"]] == [(False, "wider than the gripper opens")]
+
+
 def of_scene(folder: Path, name: str) -> tuple[Path, dict[str, Any]]:
     scene = yaml.safe_load((SCENARIOS / f"{name}.yaml").read_text(encoding="utf-8"))
     solids = [standing(hold["position_m"][0], hold["position_m"][1], box(*hold["size_m"])) for hold in scene["holds"]]

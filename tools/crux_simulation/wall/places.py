@@ -196,7 +196,7 @@ def _patch(surface: Surface, point: Array, normal: Array, radius: float, limits:
         u, v = _frames(outward)
         grid = at[:, None] + disc[:, :1] * u[:, None] + disc[:, 1:] * v[:, None]
         over = (grid + LIFT_M * outward[:, None]).reshape(-1, 3)
-        distance = surface.cast(over, np.repeat(-outward, len(disc), axis=0))[0].reshape(len(point), -1)
+        distance = surface.cast(over, np.repeat(-outward, len(disc), axis=0))[0].reshape(len(point), len(disc))
         off = LIFT_M - distance
         if last == ROUNDS - 1:
             break
