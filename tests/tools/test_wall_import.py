@@ -118,6 +118,45 @@ def test_a_wall_without_a_pair_of_faces_is_all_obstacles(tmp_path: Path, capsys:
     assert [(body["hold"], body["reason"]) for body in said["bodies"]] == [(False, "wider than the gripper opens")]
 
 
+def test_a_hold_is_not_in_the_way_of_its_own_fingers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its faces lean by 40 degrees: below the pads they come 10 mm nearer to the fingers."""
+    path = scan(tmp_path, [standing(0.0, 0.0, leaning(0.13, 0.05, 40.0))], (0.4, 0.4))
+    words = ["--outward", *vector(OUT), "--tilt", "45"]
+    hold, *others = wall_import(capsys, str(path), "-o", str(tmp_path / "wall.yaml"), *words, status=1)["bodies"]
+    assert hold["hold"]
+    along, across = np.meshgrid(np.linspace(0.012, 0.036, 9), np.linspace(-0.012, 0.012, 9))
+    lanes = [np.column_stack([side * (hold["size_m"][0] / 2 + along.ravel()), across.ravel()]) for side in (1, -1)]
+    fingers = np.concatenate(lanes) @ turned(hold["yaw_deg"]).T + hold["position_m"]
+    for other in others:
+        inside = np.abs((fingers - other["position_m"]) @ turned(other["yaw_deg"])) < np.divide(other["size_m"][:2], 2)
+        assert not inside.all(axis=1).any(), other
+
+
+def test_a_heap_of_bodies_is_few_obstacles_that_cover_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """So many that real walls stay within a scenario's limit; apart, else it would not load."""
+    random = np.random.default_rng(3)
+    corners = [(x, y) for x in (-0.12, 0.0, 0.12) for y in (-0.12, 0.0, 0.12)]
+    solids = [standing(x, y, box(0.15, 0.05, 0.018), float(random.uniform(0, 180))) for x, y in corners]
+    path = scan(tmp_path, solids, (0.5, 0.5))
+    words = ["--outward", *vector(OUT), "--down", *vector(-UP)]
+    found = wall_import(capsys, str(path), "-o", str(tmp_path / "wall.yaml"), *words, status=1)["bodies"]
+    assert not any(body["hold"] for body in found)
+    assert len(found) <= 3 * len(solids), len(found)
+    tops = np.concatenate([trimesh.sample.sample_surface(solid, 200, seed=1)[0] for solid in solids])
+    off = [
+        (np.abs((tops[:, :2] - body["position_m"]) @ turned(body["yaw_deg"])) - np.divide(body["size_m"][:2], 2)).max(
+            axis=1
+        )
+        for body in found
+    ]
+    assert np.mean(np.min(off, axis=0) < 0.0065) > 0.99
+
+
+def turned(yaw_deg: float) -> np.ndarray:
+    c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
+    return np.array([[c, -s], [s, c]])
+
+
 def of_scene(folder: Path, name: str) -> tuple[Path, dict[str, Any]]:
     scene = yaml.safe_load((SCENARIOS / f"{name}.yaml").read_text(encoding="utf-8"))
     solids = [standing(hold["position_m"][0], hold["position_m"][1], box(*hold["size_m"])) for hold in scene["holds"]]

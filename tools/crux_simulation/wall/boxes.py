@@ -10,13 +10,14 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario_checks import Footprint, overlap_m
 from crux_contracts.yaml_document import Node
 
-from crux_simulation.wall.places import REASONS, TAKEN, Indices, Places
+from crux_simulation.wall.places import REASONS, TAKEN, Flags, Indices, Places, lean_m
 from crux_simulation.wall.surface import Array, Surface
 
 SAME_YAW_RAD, SAME_WIDTH_M, SAME_LINE_M = np.radians(8.0), 0.004, 0.003
 PAD_HEIGHT_M = 0.001  # of the pads in a plan from where the body was looked at
 APART_M = 1e-3  # between cuboids, more than rounding moves them
-COVERED_M, LEAST_M, LEAST_POINTS = 0.003, 0.012, 4  # what is left out of obstacles: beside others, and specks
+COVERED_M = 0.006  # beside cuboids that is not covered: plans keep fingers farther off them
+LEAST_M, LEAST_POINTS = 0.012, 4  # of obstacles, smaller ones are specks
 BEYOND_M = 0.008  # what reaches so far out of a hold's cuboid, at the pads' height or over it, is an obstacle
 CUBOID = "its grips are of no cuboid: the pads' height in a plan is not where they are"
 
@@ -58,35 +59,60 @@ def boxes(surface: Surface, of: Indices, places: Places, reason: Indices, robot:
         else:
             why[body] = "its cuboid would stand in that of another hold"
     holds = {hold.name: hold for hold in found}
+    lanes = [lane for hold in found for lane in _lanes(hold, robot)]
     for body in range(len(reason)):
         points, name = surface.samples.points[of == body], f"hold-{body + 1}"
         if name in holds:
             outside = points[_beyond(holds[name], points, robot)]
-            _cover(found, f"beside-{name}", outside, f"a part of {name} that its cuboid leaves out")
+            _cover(found, lanes, f"beside-{name}", outside, f"a part of {name} that its cuboid leaves out")
         else:
-            _cover(found, f"body-{body + 1}", points, why[body])
+            _cover(found, lanes, f"body-{body + 1}", points, why[body])
     return found
 
 
-def _cover(found: list[Box], name: str, points: Array, reason: str) -> None:
-    """Adds obstacles over points, apart from what was found before: what that covers is left out, the rest halved."""
-    waiting, pieces = [points], 0
+def _cover(found: list[Box], lanes: list[Box], name: str, points: Array, reason: str) -> None:
+    """Adds obstacles over points, apart from what was found before: what that covers is left out, the rest cut along
+    its sides, as by the lanes of fingers.
+    """
+    waiting: list[tuple[Array, float | None]] = [(points, None)]
+    pieces = 0
     while waiting:
-        rest = waiting.pop()
+        rest, yaw = waiting.pop()
         rest = rest[~np.any([_covers(box, rest) for box in found], axis=0)] if found else rest
         if len(rest) < LEAST_POINTS:
             continue
-        box = _obstacle(name if pieces == 0 else f"{name}-{pieces + 1}", rest, reason)
-        if not any(_overlap(box, each) for each in found):
+        box = _obstacle(name if pieces == 0 else f"{name}-{pieces + 1}", rest, reason, yaw)
+        met = [each for each in (*found, *lanes) if _overlap(box, each)]
+        cuts = [(each, cut) for each in met if 0 < (cut := _beside(each, rest)).sum() < len(rest)]
+        if cuts:
+            other, cut = cuts[0]
+            waiting += [(rest[~cut], yaw), (rest[cut], other.yaw_rad)]
+        elif all(any(each is lane for lane in lanes) for each in met):
             found.append(box)
             pieces += 1
-            continue
-        c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
-        long = np.array([c, s]) if box.size_m[0] >= box.size_m[1] else np.array([-s, c])
-        along = rest[:, :2] @ long
-        if np.ptp(along) > LEAST_M:
-            middle = (along.min() + along.max()) / 2.0
-            waiting += [rest[along < middle], rest[along >= middle]]
+        elif box.size_m[:2].max() > LEAST_M:
+            along = _along(box.yaw_rad, rest[:, :2] - box.position_m)[int(box.size_m[:2].argmax())]
+            waiting += [(rest[along < 0.0], met[0].yaw_rad), (rest[along >= 0.0], met[0].yaw_rad)]
+
+
+def _beside(box: Box, points: Array) -> Flags:
+    """Which points lie beyond the side of a cuboid that has the most beyond it."""
+    x, y = _along(box.yaw_rad, points[:, :2] - box.position_m)
+    over = np.stack([x, -x, y, -y]) > np.repeat(box.size_m[:2] / 2.0 + 2.0 * APART_M, 2)[:, None]
+    return np.asarray(over[over.sum(axis=1).argmax()])
+
+
+def _lanes(hold: Box, robot: Robot) -> list[Box]:
+    """What the fingers need beside a hold to open: by pair of faces that can be gripped, from finger to finger."""
+    thick = 2.0 * robot.gripper.pad_radius_m
+    found = []
+    for axis, can in enumerate(hold.faces):
+        length = min(hold.size_m[axis] + thick, 2.0 * robot.gripper.opening_m[1]) + 2.0 * thick
+        if can:
+            size = np.array([length, thick, hold.size_m[2]])
+            yaw = hold.yaw_rad + axis * np.pi / 2.0
+            found.append(Box(hold.name, hold.position_m, size, yaw, (False, False), (0.0, 0.0), ""))
+    return found
 
 
 def _covers(box: Box, points: Array) -> Array:
@@ -135,20 +161,26 @@ def _hold(name: str, points: Array, places: Places, robot: Robot) -> Box | None:
 
 
 def _beyond(hold: Box, points: Array, robot: Robot) -> Array:
-    """Which points stand out of a hold's cuboid, no lower than the pads reach."""
-    x, y = _along(hold.yaw_rad, points[:, :2] - hold.position_m)
-    out = (np.abs(x) > hold.size_m[0] / 2.0 + BEYOND_M) | (np.abs(y) > hold.size_m[1] / 2.0 + BEYOND_M)
-    pads = min(sum(robot.grasp.pad_height_m) / 2.0, hold.size_m[2] - robot.gripper.pad_radius_m)
-    return np.asarray(out & (points[:, 2] > pads - robot.gripper.pad_radius_m))
+    """Which points stand out of a hold's cuboid, no lower than the pads reach: faces that lean do so by as much as
+    `find_places` leaves to the fingers.
+    """
+    radius = robot.gripper.pad_radius_m
+    most = hold.size_m[:2] / 2.0 + np.maximum(BEYOND_M, [lean_m(radius, tilt) for tilt in hold.tilt_rad])
+    out = (np.abs(np.column_stack(_along(hold.yaw_rad, points[:, :2] - hold.position_m))) > most).any(axis=1)
+    pads = min(sum(robot.grasp.pad_height_m) / 2.0, hold.size_m[2] - radius)
+    return np.asarray(out & (points[:, 2] > pads - radius))
 
 
-def _obstacle(name: str, points: Array, reason: str) -> Box:
-    """The smallest upright cuboid about points."""
-    to_box, size = trimesh.bounds.oriented_bounds_2D(points[:, :2])
-    turn = np.linalg.inv(to_box)
-    height = max(float(points[:, 2].max()), 0.005)
-    sizes = np.array([*np.maximum(size, 0.005), height])
-    return Box(name, turn[:2, 2], sizes, float(np.arctan2(turn[1, 0], turn[0, 0])), (False, False), (0.0, 0.0), reason)
+def _obstacle(name: str, points: Array, reason: str, yaw: float | None) -> Box:
+    """The smallest upright cuboid about points, or the one of this yaw."""
+    if yaw is None:
+        turn = np.linalg.inv(trimesh.bounds.oriented_bounds_2D(points[:, :2])[0])
+        yaw = float(np.arctan2(turn[1, 0], turn[0, 0]))
+    c, s = np.cos(yaw), np.sin(yaw)
+    low, high = (edge(np.stack(_along(yaw, points[:, :2])), axis=1) for edge in (np.min, np.max))
+    sizes = np.maximum(np.array([*(high - low), points[:, 2].max()]), 0.005)
+    middle = np.array([[c, -s], [s, c]]) @ (low + high) / 2.0
+    return Box(name, middle, sizes, yaw, (False, False), (0.0, 0.0), reason)
 
 
 def _along(yaw: float, points: Array) -> tuple[Array, Array]:

@@ -76,9 +76,9 @@ def imported(scan: Path, output: Path, options: Options) -> Imported:
             wall = _placed(scan, options)
             bar.at(1)
             found, slope_deg = _found(wall, robot, options), wall.slope_deg
-        if len(found) > MAX_CUBOIDS:
+        if (most := max(Counter(box.is_hold for box in found).values(), default=0)) > MAX_CUBOIDS:
             hint = "cut the scan, or give the plane that the robot climbs by --outward"
-            raise UsageError(f"{scan}: {len(found)} bodies stand on the wall, expected at most {MAX_CUBOIDS}; {hint}")
+            raise UsageError(f"{scan}: needs {most} holds or obstacles, expected at most {MAX_CUBOIDS} of each; {hint}")
         bar.at(2)
         document = _document(scan, robot, found, slope_deg, options)
         on_holds = stances([box for box in found if box.is_hold], robot)

@@ -235,12 +235,17 @@ def _space(surface: Surface, places: Places, i: int, robot: Robot) -> int:
     near = samples.points[samples.tree.query_ball_point(middle, palm + 2.0 * gripper.finger_height_m)] - middle
     x = np.abs(near @ [np.cos(yaw), np.sin(yaw), 0.0])
     in_lane = np.abs(near @ [-np.sin(yaw), np.cos(yaw), 0.0]) <= radius
-    gap = GAP_M + radius * np.tan(places.tilt_rad[i].max())
+    gap = lean_m(radius, float(places.tilt_rad[i].max()))
     if (in_lane & (x > half + gap) & (x < outer) & (near[:, 2] > -radius)).any():
         return BESIDE
     if (in_lane & (x < palm) & (near[:, 2] > gripper.finger_height_m - GAP_M)).any():
         return PALM
     return TAKEN
+
+
+def lean_m(pad_radius_m: float, tilt_rad: float) -> float:
+    """How far out of its pad's plane a face may come that leans so much, down to the pad's rim [m]."""
+    return float(GAP_M + pad_radius_m * np.tan(tilt_rad))
 
 
 def _unit(vectors: Array) -> Array:
