@@ -116,6 +116,7 @@ def test_a_wall_without_a_pair_of_faces_is_all_obstacles(tmp_path: Path, capsys:
     path = scan(tmp_path, [standing(0.0, 0.0, box(0.15, 0.15, 0.06))], (0.4, 0.4))
     said = wall_import(capsys, str(path), "-o", str(tmp_path / "wall.yaml"), "--outward", *vector(OUT), status=1)
     assert [(body["hold"], body["reason"]) for body in said["bodies"]] == [(False, "wider than the gripper opens")]
+    assert said["without_start"] == "no level body has four holds in reach"
 
 
 def test_a_hold_is_not_in_the_way_of_its_own_fingers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -243,6 +244,10 @@ def test_a_boards_table_is_holds(tmp_path: Path, capsys: pytest.CaptureFixture[s
     wall = load_scenario(tmp_path / "wall.yaml")
     assert wall.wall.slope_deg == 130.0
     assert [hold.yaw_deg for hold in wall.holds] == [20.0] * 6
+    slick = ["-o", str(tmp_path / "wall.yaml"), "--slope", "130", "--friction", "0.05"]
+    why = wall_import(capsys, str(tmp_path / "board.csv"), *slick, status=1)["without_start"]
+    assert "can be a start; the first: " in why
+    assert "give the grasped faces more friction" in why
     for line, wrong in (("h9,0.1,zero,0", "board.csv:3: y_left_m: 'zero'"), ("h9,0.1,0", "board.csv:3: 3 values")):
         (tmp_path / "board.csv").write_text("\n".join(["# by hand", "cell,x_up_m,y_left_m,up_deg", line]))
         assert main(["wall", "import", str(tmp_path / "board.csv"), "-o", str(tmp_path / "wall.yaml")]) == 2

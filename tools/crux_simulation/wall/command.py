@@ -106,14 +106,11 @@ def _import(options: argparse.Namespace) -> int:
     for box in found.holds:
         if max(box.tilt_rad) > math.radians(5.0):
             note(f"  {box.name}: faces lean by up to {math.degrees(max(box.tilt_rad)):.0f}°")
-    done = found.stances is not None
-    if done:
-        note(f"next: crux plan {options.output} -o plan.mcap")
-    else:
-        note("no level body has four holds in reach: start and goal are left out")
+    without = found.stances if isinstance(found.stances, str) else None
+    note(f"start and goal are left out: {without}" if without else f"next: crux plan {options.output} -o plan.mcap")
     if options.json:
-        print_json({"ok": done, "scenario": str(options.output), **_described(found)})
-    return 0 if done else 1
+        print_json({"ok": not without, "scenario": str(options.output), "without_start": without, **_described(found)})
+    return 1 if without else 0
 
 
 def _described(found: Any) -> dict[str, Any]:

@@ -47,10 +47,10 @@ class Options:
 
 @dataclass(frozen=True)
 class Imported:
-    """What came of a scan, or of a board's table, which has no surface."""
+    """What came of a scan, or of a board's table, which has no surface; `stances` is why there are none, without."""
 
     boxes: list[Box]
-    stances: tuple[Stance, Stance] | None
+    stances: tuple[Stance, Stance] | str
     slope_deg: float
     wall: Placed | None
 
@@ -82,8 +82,8 @@ def imported(scan: Path, output: Path, options: Options) -> Imported:
         bar.at(2)
         document = _document(scan, robot, found, slope_deg, options)
         on_holds = stances([box for box in found if box.is_hold], robot)
-        chosen = ends(on_holds, lambda stance: _can_start(document, stance, robot))
-    if chosen is not None:
+        chosen = ends(on_holds, lambda stance: _refusal(document, stance, robot))
+    if not isinstance(chosen, str):
         document |= _ends(*chosen)
     text = _said(scan, robot, chosen, wall, options) + yaml.safe_dump(
         document, sort_keys=False, allow_unicode=True, default_flow_style=None, width=140
@@ -152,18 +152,18 @@ def _end(stance: Stance) -> dict[str, Any]:
     return {"body": {"position_m": [round(each, DIGITS) for each in stance.body_m]}, "grasps": grasps}
 
 
-def _can_start(document: dict[str, Any], stance: Stance, robot: Robot) -> bool:
-    """Whether the planner takes a stance for a start."""
+def _refusal(document: dict[str, Any], stance: Stance, robot: Robot) -> str:
+    """Why the planner does not take a stance for a start; empty if it does."""
     try:
         crux_planner.plan(document | _ends(stance, stance), robot, time_limit_s=LOOK_S)
     except crux_planner.InfeasibleError as error:
-        return not error.proven
-    except ScenarioError:
-        return False
-    return True
+        return str(error) if error.proven else ""
+    except ScenarioError as error:
+        return str(error)
+    return ""
 
 
-def _said(scan: Path, robot: Robot, chosen: tuple[Stance, Stance] | None, wall: Placed | None, options: Options) -> str:
+def _said(scan: Path, robot: Robot, chosen: tuple[Stance, Stance] | str, wall: Placed | None, options: Options) -> str:
     """The first lines of the file: where it comes from, and what was taken for it."""
     slope = "." if options.down is not None else ", the slope."
     said = [f"# From {scan.name} by `crux wall import`. Not in it, so assumed [A]: friction, spines{slope}"]
@@ -173,8 +173,8 @@ def _said(scan: Path, robot: Robot, chosen: tuple[Stance, Stance] | None, wall: 
             f"# W: rows of the rotation from the scan's frame {np.round(wall.rotation, DIGITS).tolist()},",
             f"# then the offset {np.round(wall.offset, DIGITS).tolist()} m.",
         ]
-    if chosen is None:
-        said.append("# No stance was found on four of the holds: give start and goal.")
+    if isinstance(chosen, str):
+        said.append("# No start was found on four of the holds: give start and goal.")
     return "\n".join(said) + "\n"
 
 

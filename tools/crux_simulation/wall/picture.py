@@ -32,7 +32,8 @@ def picture(found: Imported) -> bytes:
         if box.reason in reasons:
             label = f"({reasons.index(box.reason) + 1})"
         axes.annotate(label, (box.position_m[1], box.position_m[0]), color=colour, ha="center", va="center", fontsize=8)
-    for stance, name in zip(found.stances or (), ("start", "goal"), strict=False):
+    stances = () if isinstance(found.stances, str) else found.stances
+    for stance, name in zip(stances, ("start", "goal"), strict=False):
         axes.plot(stance.body_m[1], stance.body_m[0], "b+", markersize=14)
         axes.annotate(f" {name}", (stance.body_m[1], stance.body_m[0]), color="b")
     axes.autoscale_view()

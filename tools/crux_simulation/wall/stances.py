@@ -63,16 +63,25 @@ def stances(holds: list[Box], robot: Robot) -> list[Stance]:
     return [stance for stance in best if stance is not None]
 
 
-def ends(found: list[Stance], can_start: Callable[[Stance], bool]) -> tuple[Stance, Stance] | None:
-    """A start in the lowest quarter of the wall, as `can_start` allows, and a goal in the highest; None without one."""
+def ends(found: list[Stance], refusal: Callable[[Stance], str]) -> tuple[Stance, Stance] | str:
+    """A start in the lowest quarter of the wall, for which `refusal` is empty, and a goal in the highest; else what
+    there is no start for.
+    """
     if not found:
-        return None
+        return "no level body has four holds in reach"
     heights = np.array([stance.body_m[0] for stance in found])
     low, high = heights.min() + (heights.max() - heights.min()) * np.array([0.25, 0.75])
     starts = sorted((each for each in found if each.body_m[0] <= low), key=lambda each: each.off_m)
-    start = next((each for each in starts[:STARTS] if can_start(each)), None)
     goal = min((each for each in found if each.body_m[0] >= high), key=lambda each: each.off_m)
-    return None if start is None else (start, goal)
+    refused: list[str] = []
+    for start in starts[:STARTS]:
+        if not (why := refusal(start)):
+            return start, goal
+        refused.append(why)
+    tried = (
+        f"a level body has four holds in reach at {len(found)} places, but none of the {len(refused)} low ones tried"
+    )
+    return f"{tried} can be a start; the first: {refused[0]}"
 
 
 Grip = tuple[str, str, Array, float]  # hold, faces, place of the gripper's middle (3,), yaw
