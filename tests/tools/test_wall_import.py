@@ -15,6 +15,7 @@ from crux_contracts.scenario import load_scenario
 from crux_simulation.wall.read import read_surface
 from crux_tools.cli import main
 from crux_tools.paths import SCENARIOS
+from PIL import Image, TiffImagePlugin
 
 TURN = trimesh.transformations.euler_matrix(0.4, -1.1, 0.7)  # of the wall in its scan
 UP, OUT = TURN[:3, 0], TURN[:3, 2]
@@ -199,6 +200,25 @@ def test_a_height_map_may_say_its_unit_and_its_places(tmp_path: Path, capsys: py
     (body,) = wall_import(capsys, str(path), "-o", str(tmp_path / "wall.yaml"), status=1)["bodies"]
     assert body["hold"]
     assert sorted(body["size_m"]) == pytest.approx([0.05, 0.06, 0.06], abs=0.006)
+
+
+def test_a_geotiff_says_its_pitch_and_what_is_unseen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """x of the image is 0.002 and y 0.003 m from pixel to pixel; its first row is the top."""
+    x, y = 0.002 * np.arange(150), 0.003 * np.arange(100)
+    heights = 0.05 * ((abs(x[None] - 0.1) < 0.03) & (abs(y[:, None] - 0.15) < 0.045))
+    heights[:5, -40:] = -9999.0
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    for tag, kind, value in ((33550, 12, (0.002, 0.003, 0.0)), (42113, 2, "-9999")):
+        tags.tagtype[tag], tags[tag] = kind, value
+    Image.fromarray(heights[::-1].astype(np.float32)).save(tmp_path / "map.tif", tiffinfo=tags)
+    said = wall_import(capsys, str(tmp_path / "map.tif"), "-o", str(tmp_path / "wall.yaml"), status=1)
+    (body,) = said["bodies"]
+    assert body["hold"]
+    assert sorted(body["size_m"]) == pytest.approx([0.05, 0.06, 0.09], abs=0.006)
+    surface = read_surface(tmp_path / "map.tif", 1.0, None, np.array([0.0, 0.0, 1.0]))
+    assert surface.vertices[:, 2].min() == 0.0
+    assert surface.vertices.max(axis=0) == pytest.approx([x[-1], y[-1], 0.05])
+    assert not ((surface.vertices[:, 0] > x[-39]) & (surface.vertices[:, 1] < y[4])).any()
 
 
 def plane(count: int, pitch_m: float) -> np.ndarray:

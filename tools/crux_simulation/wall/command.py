@@ -29,8 +29,8 @@ def add_import(actions: Any) -> None:
         help="make a scenario of a scanned wall",
         **taught(
             "Makes a scenario of a mesh (STL, OBJ, PLY, glTF, OFF), a cloud of points at most 8 mm apart (PLY, PCD, "
-            "XYZ, npz with xyz_m), or a height map (npy, npz, PNG, TIFF; rows are y, columns x). The plane that most "
-            "of it lies in becomes the wall. Every body that stands on it "
+            "XYZ, npz with xyz_m), or a height map (npy, npz, PNG, TIFF, GeoTIFF; rows are y, columns x). The plane "
+            "that most of it lies in becomes the wall. Every body that stands on it "
             "becomes a hold where the robot's gripper can take it upright: two patches that are opposite, flat, "
             "and within its opening, with space for fingers and palm. All others become obstacles, with the "
             "reason. Of a board's table (CSV with the columns name, x_m up, y_m left, yaw_deg, size_x_m, "

@@ -17,6 +17,7 @@ from crux_simulation.wall.surface import Array, Surface
 MESHES = (".stl", ".obj", ".ply", ".glb", ".gltf", ".off", ".xyz")
 MAPS = (".npy", ".npz", ".png", ".tif", ".tiff")
 POINTS = "xyz_m"  # in an npz, a cloud [m]
+PIXEL_SIZE, NO_DATA = 33550, 42113  # tags of a GeoTIFF
 MAX_TRIANGLES = 4_000_000
 SIZE_M = (0.2, 40.0)  # of a wall; outside of it a scale is wrong
 
@@ -93,7 +94,13 @@ def _arrays(path: Path, scale: float, pitch_m: float | None) -> Surface:
             from PIL import Image
 
             with Image.open(path) as image:
-                heights = _metres(np.asarray(image)[::-1], "", scale)  # the first row of an image is its top
+                tags, grid = getattr(image, "tag_v2", {}), np.asarray(image)[::-1]  # the first row is an image's top
+                if NO_DATA in tags:
+                    grid = np.where(grid == float(tags[NO_DATA]), np.nan, grid)
+                heights = _metres(grid, "", scale)
+                if PIXEL_SIZE in tags and pitch_m is None and heights.ndim == 2:
+                    sizes = zip(tags[PIXEL_SIZE][:2], heights.shape[::-1], strict=True)
+                    places = [scale * size * np.arange(float(count)) for size, count in sizes]
     except (OSError, ValueError) as error:
         raise UsageError(f"{path}: cannot be read as a height map: {error}") from None
     if heights.ndim != 2 or min(heights.shape) < 2:
