@@ -15,6 +15,7 @@ WRIST = ("joint5", 'xyz="0 0 0"', 'xyz="0.02 0 0"')
 GRIPPER = ("mount", 'xyz="0 0 -0.12"', 'xyz="0.03 0 -0.12"')
 TILTED = ("joint1", 'rpy="0 0', 'rpy="0.1 0')
 LIMITS = ("joint1", 'lower="-1.9"', 'lower="-1.5"')
+LEFT, RIGHT = ("joint6", 'upper="2.9"', 'upper="0.6"'), ("joint6", 'lower="-2.9"', 'lower="-0.6"')
 LONGER = ("joint4", 'xyz="0.2 0 0"', 'xyz="0.21 0 0"')
 CHANGES: dict[str, list[tuple[Iterable[str], tuple[str, str, str]]]] = {
     "shoulder offset": [(LIMB_NAMES, SHOULDER)],
@@ -23,6 +24,7 @@ CHANGES: dict[str, list[tuple[Iterable[str], tuple[str, str, str]]]] = {
     "tilted mounts": [(LIMB_NAMES, TILTED)],
     "one limb's limits": [(["RF"], LIMITS)],
     "one longer limb": [(["LR"], LONGER)],
+    "hands that turn one way": [(["LF", "LR"], LEFT), (["RF", "RR"], RIGHT)],
     "all of them": [(LIMB_NAMES, each) for each in (SHOULDER, WRIST, GRIPPER)] + [(["RF"], LIMITS)],
 }
 

@@ -39,6 +39,8 @@ _SMALLEST_HALF_M = 0.02  # a box smaller than this is no workspace
 _FINE_RAD = 0.005  # between joint angles that the outer set is computed from
 _ANGLES_DEG = (30.0, 60.0, 120.0, 150.0)  # of polytopes' edges beyond those of boxes
 CHAIN_GRID_M = 0.02  # the same of limbs without a closed form
+_SHARES = ((1.0, 1.0), (1.0, 0.25), (1.0, 0.0), (0.0, 0.25), (0.0, 0.0))  # of heights and yaws, for `part`
+_YAWS = 7  # that are compared
 _DIRECTIONS = np.vstack([np.eye(3), *[[[np.cos(a), np.sin(a), 0.0]] for a in np.radians(_ANGLES_DEG)]])
 _PLAN = _DIRECTIONS[[0, 1, *range(3, len(_DIRECTIONS))], :2]  # of these, those in plan view
 _KINDS = ("box", "inner", "outer")  # in the file that keeps them, with
@@ -59,6 +61,13 @@ class WorkspaceRange:
     max_tilt_rad: float
     gripper_yaw_rad: tuple[float, float]  # relative to the body
     widest_tilt_rad: float  # that a body may have at all, for the outer set
+
+    def part(self, yaw_rad: float, turns: float, heights: float) -> WorkspaceRange:
+        """Of it a share of the yaws to either side of one, and of the body's heights around their middle."""
+        (low, high), (least, most) = self.body_height_m, self.gripper_yaw_rad
+        middle, up, turn = (low + high) / 2, heights * (high - low) / 2, turns * (most - least)
+        yaws = max(least, yaw_rad - turn), min(most, yaw_rad + turn)
+        return replace(self, body_height_m=(middle - up, middle + up), gripper_yaw_rad=yaws)
 
 
 @dataclass(frozen=True)
@@ -121,8 +130,11 @@ def limb_reach(limbs: Sequence[Limb], wanted: WorkspaceRange) -> LimbReach:
     grip_height_m = pads[0] - height[1], pads[1] - height[0]
 
     def compute() -> dict[str, Array]:
-        boxes = acceptance_boxes(limbs, wanted)
-        reaches = boxes, _inner(limbs, wanted, boxes), _outer(limbs, wanted, grip_height_m)
+        if limbs[0].closed_form:
+            boxes, ranges = acceptance_boxes(limbs, wanted), [wanted]
+        else:
+            boxes, ranges = _own_boxes(limbs, wanted)
+        reaches = boxes, _inner(limbs, ranges, boxes), _outer(limbs, wanted, grip_height_m)
         kinds = zip(_KINDS, reaches, strict=True)
         return {f"{kind}_{part}": getattr(reach, part) for kind, reach in kinds for part in _PARTS}
 
@@ -149,10 +161,38 @@ def acceptance_boxes(limbs: Sequence[Limb], wanted: WorkspaceRange) -> Reach:
     if limbs[0].closed_form:
         low, high = _largest_box(limbs[0], wanted)
         return box((low + high) / 2 * _mirror(limbs), (high - low) / 2, wanted.max_tilt_rad)
-    corners = np.array([_largest_box(limb, wanted) for limb in limbs])
+    return _own_boxes(limbs, wanted)[0]
+
+
+def _own_boxes(limbs: Sequence[Limb], wanted: WorkspaceRange) -> tuple[Reach, list[WorkspaceRange]]:
+    """Boxes of limbs that are no mirror images, and what each holds for: as much of the yaws, around those at which the
+    limb reaches most, and of the body's heights as leaves all limbs one. Raises InfeasibleError.
+    """
+    yaws = [_best_yaw(limb, wanted) for limb in limbs]
+    for heights, turns in _SHARES:
+        ranges = [wanted.part(yaw, turns, heights) for yaw in yaws]
+        try:
+            corners = np.array([_largest_box(limb, own) for limb, own in zip(limbs, ranges, strict=True)])
+        except InfeasibleError:
+            if (heights, turns) == _SHARES[-1]:
+                raise
+            continue
+        break
     corners[:, 1, 2] = corners[:, 1, 2].min()
     centre, half = corners.mean(axis=1), (corners[:, 1] - corners[:, 0]).min(axis=0) / 2
-    return box(centre, half, wanted.max_tilt_rad)
+    return box(centre, half, wanted.max_tilt_rad), ranges
+
+
+def _best_yaw(limb: Limb, wanted: WorkspaceRange) -> float:
+    """At which a limb reaches most with the body level and in the middle of its heights; of equals the nearest to 0."""
+    span = limb.upper_link_m + limb.lower_link_m
+    x, y = (limb.shoulder_b_m[axis] + np.arange(-span, span, 2 * CHAIN_GRID_M) for axis in (0, 1))
+    height = (sum(wanted.pad_height_m) - sum(wanted.body_height_m)) / 2
+    places = np.stack(np.meshgrid(x, y, height, indexing="ij"), axis=-1)
+    level = replace(wanted, max_tilt_rad=0.0)
+    low, high = wanted.gripper_yaw_rad
+    yaws: list[float] = sorted(np.linspace(low, high, _YAWS).tolist(), key=abs)
+    return max(yaws, key=lambda yaw: int(reachable(limb, places, replace(level, gripper_yaw_rad=(yaw, yaw))).sum()))
 
 
 def _mirror(limbs: Sequence[Limb]) -> Array:
@@ -165,18 +205,21 @@ def _grid_m(limb: Limb) -> float:
     return GRID_M if limb.closed_form else CHAIN_GRID_M
 
 
-def _inner(limbs: Sequence[Limb], wanted: WorkspaceRange, boxes: Reach) -> Reach:
-    """A convex set of what the limbs reach over all the box's heights, around the box."""
+def _inner(limbs: Sequence[Limb], ranges: Sequence[WorkspaceRange], boxes: Reach) -> Reach:
+    """A convex set of what the limbs reach over all the box's heights, around the box; limbs that are mirror images
+    have one range.
+    """
     if limbs[0].closed_form:
-        vertices, z = _inner_polygon(limbs[0], boxes.centre_b_m[0], boxes.half_m, wanted)
+        vertices, z = _inner_polygon(limbs[0], boxes.centre_b_m[0], boxes.half_m, ranges[0])
         each = [vertices * mirror[:2] for mirror in _mirror(limbs)]
     else:
-        polygons = [_inner_polygon(limb, boxes.centre_b_m[i], boxes.half_m, wanted) for i, limb in enumerate(limbs)]
+        own = zip(limbs, boxes.centre_b_m, ranges, strict=True)
+        polygons = [_inner_polygon(limb, centre, boxes.half_m, wanted) for limb, centre, wanted in own]
         each, z = [vertices for vertices, _ in polygons], polygons[0][1]
     along = [vertices @ _PLAN.T for vertices in each]
     lows = np.insert(np.array([a.min(axis=0) for a in along]), 2, z[0], axis=1)
     highs = np.insert(np.array([a.max(axis=0) for a in along]), 2, z[-1], axis=1)
-    return Reach(_DIRECTIONS, (lows + highs) / 2, (highs - lows) / 2, wanted.max_tilt_rad)
+    return Reach(_DIRECTIONS, (lows + highs) / 2, (highs - lows) / 2, boxes.max_tilt_rad)
 
 
 def _inner_polygon(limb: Limb, centre: Array, half: Array, wanted: WorkspaceRange) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crux_contracts.robot import Robot
+from crux_contracts.robot import Robot, load_robot
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
 from crux_planner.errors import InfeasibleError
@@ -24,6 +24,7 @@ from crux_planner.model.workspace import (
 from hypothesis import given
 from hypothesis import strategies as st
 from limb_forward import forward
+from other_limbs import other_limbs
 from scipy.spatial import HalfspaceIntersection
 
 
@@ -59,6 +60,21 @@ def test_every_pose_in_a_box_has_inverse_kinematics(robot: Robot, wanted: Worksp
         q, reached = inverse(limb, positions, np.swapaxes(rotation_from_rpy(tilts), -1, -2) @ yaw)
         assert reached.all()
         assert limit_margin(limb, q).min() > 0.0
+
+
+def test_limbs_that_lack_some_yaws_have_boxes_for_the_others(tmp_path: Path, wanted: WorkspaceRange) -> None:
+    robot, random = load_robot(other_limbs("hands that turn one way", tmp_path)), np.random.default_rng(0)
+    model, boxes = load_model(robot), acceptance_boxes(robot.limbs, wanted)
+    assert (boxes.half_m >= [0.1, 0.05, 0.05]).all()
+    for limb, part, centre in zip(robot.limbs, model.limbs, boxes.centre_b_m, strict=True):
+        side, n = np.sign(limb.shoulder_b_m[1]), 300
+        assert (np.sign(centre[:2]) == np.sign(limb.shoulder_b_m[:2])).all()
+        places = centre + random.uniform(-1, 1, (n, 3)) * boxes.half_m
+        turns = rotation_z(-side * random.uniform(0.6, 1.4, n))
+        (found,) = solve([part], [places], [turns])
+        assert found.position_error_m.max() < 1e-5
+        assert ((found.q_rad >= limb.lower_rad) & (found.q_rad <= limb.upper_rad)).all()
+        assert found.rotation_error_rad.max() < 1e-4
 
 
 def test_a_range_no_limb_can_serve_is_an_error(robot: Robot, wanted: WorkspaceRange) -> None:
