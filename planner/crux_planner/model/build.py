@@ -32,7 +32,7 @@ from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, composite_inertia
-from crux_planner.model.poses import body_and_ends, posture, weights_of
+from crux_planner.model.poses import body_and_ends, posture, weights_of, within_limits
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem
 from crux_planner.model.shapes import limb_radii_m
 from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leaning_m, limb_reach, tilt_for
@@ -74,7 +74,7 @@ def build_problem(
     cuboids = _cuboids(scenario, heading)
     contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
     contacts += [_in_air(limb, scenario, heading, cuboids, shape) for limb in scenario.start.air]
-    begin = start_contacts(scenario, contacts, unusable)
+    begin = start_contacts(scenario, robot, start, contacts, unusable)
     contact, (tolerance_m, tolerance_rad) = scenario.contact, (scenario.goal.tolerance_m, scenario.goal.tolerance_rad)
     problem = Problem(
         steps=scenario.horizon.steps,
@@ -310,11 +310,15 @@ def _in_air(name: str, scenario: Scenario, heading: float, cuboids: Cuboids, sha
     return Contact(hold, 0, -1, yaw, centre, 2 * half, *nothing, max(opening, half), finger, bears=False)
 
 
-def start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[tuple[int, int], str]) -> list[int]:
-    """The contacts of the scenario's start; `unusable` says why a hold and pair has none. Raises ScenarioError."""
+def start_contacts(
+    scenario: Scenario, robot: Robot, start: Pose, contacts: list[Contact], unusable: dict[tuple[int, int], str]
+) -> list[int]:
+    """The contacts of the scenario's start, of those of a hold and pair the least turned that the limb reaches with the
+    body at `start`; `unusable` says why a hold and pair has none. Raises ScenarioError.
+    """
     chosen, in_air = [], (i for i, c in enumerate(contacts) if not c.bears)  # in the order of start.air
     begun = {limb: next(in_air) for limb in scenario.start.air}
-    for limb in LIMB_NAMES:
+    for limb, own in zip(LIMB_NAMES, robot.limbs, strict=True):
         if limb in begun:
             chosen.append(begun[limb])
             continue
@@ -329,6 +333,7 @@ def start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[t
         if not found:
             beyond = "expected the other face: with this one the gripper would be turned beyond its range"
             raise wrong(scenario, f"start.grasps.{limb}.finger1", str(grasp.finger1), beyond)
+        found = [i for i in found if within_limits(own, start, contacts[i].pose)] or found
         chosen.append(min(found, key=lambda i: abs(contacts[i].yaw_rad)))  # of equal ones the first: centred
     return chosen
 

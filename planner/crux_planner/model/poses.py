@@ -5,12 +5,12 @@ import math
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.cost_weights import cost_weights
-from crux_contracts.robot import Robot
+from crux_contracts.robot import Limb, Robot
 from crux_contracts.scenario import BodyPose, Scenario
 
 from crux_planner.errors import PLANNED_REACH, InfeasibleError, wrong
 from crux_planner.model.arrays import Array
-from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
+from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.model.problem import BodyBounds, Pose, Problem, Weights
 
 
@@ -44,6 +44,13 @@ def check_body(scenario: Scenario, body: BodyBounds, start: Pose, goal: Pose) ->
             f"goal.body.rpy_deg: the body cannot tilt further than {tilt_deg:.1f} degrees in roll or pitch",
             proven=True,
         )
+
+
+def within_limits(limb: Limb, body: Pose, gripper: Array) -> bool:
+    """Whether a limb has its gripper at x, y, z and yaw, upright, within its joint limits, with the body at a pose."""
+    to_b, (x, y, z, yaw, *_) = rotation_from_rpy(body.rpy_rad).T, gripper
+    q, reached = inverse(limb, to_b @ (np.array([x, y, z]) - body.position_m), to_b @ rotation_z(yaw))
+    return bool(reached & (limit_margin(limb, q) >= 0.0))
 
 
 def posture(robot: Robot, body: Pose, grippers: Array) -> dict[str, float]:

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import ScenarioError
+from crux_planner.model.build import build_problem
 from crux_planner.model.contacts import GripperShape, opening_for, pad_height, yaws_in_range
 from crux_planner.model.cuboids import Cuboids
+from crux_planner.pipeline.explanation import check_start
+from crux_planner.search.equilibrium import StaticEquilibrium
 from hypothesis import given
 from hypothesis import strategies as st
+from other_limbs import other_limbs
+from walls import one_move, scenario
 
 SHAPE = GripperShape(0.008, 0.066, 0.048, 0.012, 0.05)
 CLEARANCE_M = 0.024
@@ -51,3 +60,17 @@ def test_a_neighbour_makes_the_fingers_open_less_or_not_at_all() -> None:
     assert opening_for(centre, axis, 0, 0.03, wall((0, 0), (0.1, 0)), SHAPE, CLEARANCE_M) is None
     across = opening_for(centre, np.array([0, 1.0, 0]), 0, 0.03, wall((0, 0), (0.1, 0)), SHAPE, CLEARANCE_M)
     assert across == pytest.approx(SHAPE.open_opening)
+
+
+def test_a_start_is_gripped_with_the_finger_on_the_face_that_the_limb_reaches(tmp_path: Path) -> None:
+    robot = load_robot(other_limbs("hands that turn one way", tmp_path))
+    text = one_move()
+    for grasp in text["start"]["grasps"].values():
+        grasp["faces"] = "y"
+    problem = build_problem(scenario(text), robot)
+    yaws = [problem.contacts[c].yaw_rad for c in problem.start_contacts]
+    assert yaws == pytest.approx([-np.pi / 2, np.pi / 2, -np.pi / 2, np.pi / 2])
+    text["start"]["grasps"]["RF"]["finger1"] = "-y"  # turned the other way
+    wrong = build_problem(scenario(text), robot)
+    with pytest.raises(ScenarioError, match=r"start\.grasps\.RF: RF-low: out of reach.*by -90 degrees"):
+        check_start(scenario(text), wrong, StaticEquilibrium(wrong, wrong.friction_share))
