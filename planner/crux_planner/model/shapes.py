@@ -1,4 +1,4 @@
-"""How thick the limbs are: radii of the links' cylinders in the robot's URDF."""
+"""How thick the limbs are: radii of the links' cylinders and capsules in the robot's URDF."""
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
@@ -9,17 +9,18 @@ from crux_contracts.urdf import link_shapes
 
 def limb_radii_m(robot: Robot) -> tuple[float, ...]:
     """Of a limb as a ball, its shoulder, and three capsules: to elbow, to wrist, to palm. Of the thickest limb; a link
-    without a cylinder counts as a line.
+    without a cylinder or capsule counts as a line.
     """
     links = {link.get("name"): link for link in ET.parse(robot.urdf_path).getroot().iter("link")}
 
     def radius(joints: slice) -> float:
         found = [
-            float(cylinder.get("radius", "0"))
+            float(solid.get("radius", "0"))
             for limb in robot.limbs
             for joint in limb.joints[joints]
             for shape in link_shapes(links[joint.child])
-            for cylinder in shape.iter("cylinder")
+            for kind in ("cylinder", "capsule")
+            for solid in shape.iter(kind)
         ]
         return max(found, default=0.0)
 
