@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import xml.etree.ElementTree as ET
@@ -10,9 +11,14 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
-from crux_contracts.robot import ROBOTS, load_robot
+from crux_contracts.robot import ROBOTS, Robot, load_robot
 from crux_contracts.urdf import rotation
+from crux_planner.checker.limb_model import load_model
+from crux_planner.checker.parts import shapes
+from crux_planner.model.chain import forward
+from crux_planner.model.shapes import limb_radii_m
 from crux_tools import cli
+from makers_urdf import makers_files
 
 LIMBS = {"LF": "", "RF": "1", "LR": "3", "RR": "2"}
 KINDS = ("yaw", "hip", "knee", "pitch", "roll", "turn")
@@ -218,3 +224,50 @@ def masses(path: Path) -> dict[str, float]:
         if mass is not None:
             found[link.attrib["name"]] = float(mass.attrib["value"])
     return found
+
+
+def test_a_robot_of_meshes_like_its_makers_have_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf, mapping = makers_files(tmp_path)
+    words = ["robot", "import", str(urdf), "--mapping", str(mapping), "-o", str(tmp_path / "robot"), "--json"]
+    assert cli.main(words) == 0
+    assert json.loads(capsys.readouterr().out)["problems"] == []
+    robot = load_robot(tmp_path / "robot")
+    model = pinocchio.buildModelFromUrdf(str(urdf))
+    random, data = np.random.default_rng(0), model.createData()
+    for name, n in {"LF": 0, "RF": 1, "LR": 3, "RR": 2}.items():
+        limb = next(each for each in robot.limbs if each.name == name)
+        q_rad = random.uniform(limb.lower_rad, limb.upper_rad)
+        q = pinocchio.neutral(model)
+        for joint, angle in zip(limb.joint_names, q_rad, strict=True):
+            place = model.joints[model.getJointId(joint.removeprefix(f"{name}_") + str(n))].idx_q
+            q[place : place + 2] = np.cos(angle), np.sin(angle)
+        pinocchio.framesForwardKinematics(model, data, q)
+        hand = data.oMf[model.getFrameId(f"mark{n}")]
+        here = forward(limb.at_zero, q_rad[None])
+        assert here.gripper_m[:, 0] == pytest.approx(hand.translation, abs=5e-5)
+        assert here.rotation[..., 0] == pytest.approx(hand.rotation, abs=2e-4)
+    assert cli.main(["robot", "check", str(tmp_path / "robot"), "--json"]) == 0
+    checks = {check["topic"]: check for check in json.loads(capsys.readouterr().out)["checks"]}
+    assert checks["self-collision"]["verdict"] == "good"
+    assert limb_radii_m(robot) == pytest.approx((0.0, 0.02, 0.02, 0.02))
+    assert not meets_hold(robot)
+
+
+def meets_hold(robot: Robot) -> bool:
+    """Whether a hold as wide and high as its pads can have it touches more of a hand than its pads."""
+    model = load_model(robot)
+    limb, half = model.limbs[0], np.array([0.03, 0.03, 0.03])
+    state = limb.forward(np.zeros((1, 6)), np.array([half[0]]))
+    place, turn = state.link_position_m[limb.gripper][0], state.link_rotation[limb.gripper][0]
+    hand = [link for link in limb.links if link.name.endswith(("gripper", "finger1", "finger2", "link6"))]
+    assert sum(len(link.capsules) + len(link.boxes) for link in hand) == 4
+    for link in hand:
+        for part in shapes("link", link, state.link_position_m[link.name], state.link_rotation[link.name]):
+            points = np.linspace(part.start[0], part.end[0], 20)
+            if part.half_m is not None and part.rotation is not None:
+                corners = np.array(list(itertools.product((-1, 1), repeat=3))) * part.half_m
+                points = part.start[0] + corners @ part.rotation[0].T
+            away = np.abs((points - place) @ turn) - half
+            if (np.maximum(away, 0.0) ** 2).sum(axis=1).min() < (part.radius_m - 1e-9) ** 2:
+                return True
+    return False

@@ -13,7 +13,7 @@ from crux_tools.errors import UsageError
 from crux_tools.robot.facts import Facts, JointFacts
 from crux_tools.robot.mapping import Mapping, MappingError, read_mapping
 from crux_tools.robot.serial import Reader
-from crux_tools.robot.written import robot_yaml, urdf_text
+from crux_tools.robot.written import Hand, robot_yaml, urdf_text
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,8 @@ def imported(urdf_path: Path, mapping_path: Path | None, folder: Path) -> Import
     if problems:
         raise MappingError(mapping.path, problems)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{mapping.name}.urdf").write_text(urdf_text(mapping, body, limbs, numbers), encoding="utf-8")
+    written = urdf_text(mapping, body, limbs, numbers, Hand.of(mapping, like))
+    (folder / f"{mapping.name}.urdf").write_text(written, encoding="utf-8")
     first: JointFacts = numbers[limbs[0].name][1]
     (folder / "robot.yaml").write_text(robot_yaml(mapping, like, first), encoding="utf-8")
     return Imported(folder, _assumed(mapping, meshes), _refusals(folder))
@@ -94,7 +95,9 @@ def _assumed(mapping: Mapping, meshes: bool) -> list[str]:
     if mapping.masses_kg:
         found.append("[A] masses and inertias are the URDF's, scaled")
     if meshes:
-        found.append("[A] shapes in place of meshes are capsules along the links, and a box between the shoulders")
+        found.append(
+            "[A] shapes in place of meshes are capsules along links, boxes for body and palms, cylinders for fingers"
+        )
     return found
 
 

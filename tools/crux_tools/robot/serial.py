@@ -188,6 +188,7 @@ class Reader:
         xyz = np.array(self.mapping.gripper.get("origin_m", [0.0, 0.0, 0.0]))
         roll, pitch, yaw = self.mapping.gripper.get("rpy_rad", [0.0, 0.0, 0.0])
         gripper = gripper.then(xyz, rotation((roll, pitch, yaw)))
+        palm.shapes = [shape for shape in palm.shapes if not _surrounds(*shape, gripper.place)]
         fingers = self._fingers(limb, gripper, hanging)
         whole = SerialLimb(limb, joints, np.array(axes), np.array(points), gripper, [*parts, palm], fingers)
         return whole if len(fingers) == 2 else None
@@ -248,6 +249,12 @@ def _nearest(point: Array, axis: Array, other: Array, other_axis: Array) -> Arra
     """The place on an axis that is nearest to another."""
     along = np.linalg.lstsq(np.column_stack([axis, -other_axis]), other - point, rcond=None)[0]
     return np.asarray(point + along[0] * axis)
+
+
+def _surrounds(pose: Pose, solid: ET.Element, place: Array) -> bool:
+    """Whether a place is nearer to a shape's centre than any of its edges or radii: a mark between pads is no shape."""
+    sizes = [float(word) for value in solid.attrib.values() for word in SPACE.split(value) if word]
+    return bool(np.linalg.norm(place - pose.place) < min(sizes))
 
 
 def _point_mass(mass_kg: float, place: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,38 @@ RIGHT = math.pi / 2
 BODY, GRIPPER, FINGERS = "base", "gripper", ("finger1_slide", "finger2_slide")
 
 
+@dataclass(frozen=True)
+class Hand:
+    """What stands for the meshes of a gripper [m]: pads, fingers up to the palm, and a palm as wide as they open."""
+
+    pad_radius_m: float
+    finger_height_m: float
+
+    @staticmethod
+    def of(mapping: Mapping, like: dict[str, Any]) -> Hand:
+        """As robot.yaml will have it."""
+        names = "pad_radius_m", "finger_height_m"
+        return Hand(*(float(mapping.set.get(f"gripper.{name}", like["gripper"][name])) for name in names))
+
+    def palm(self, opening_m: float) -> tuple[Pose, ET.Element]:
+        """In the gripper's frame."""
+        thick = 2 * self.pad_radius_m
+        box = ET.Element("box", size=_text([2 * opening_m, thick, thick]))
+        return Pose(np.array([0.0, 0.0, self.finger_height_m + self.pad_radius_m]), np.eye(3)), box
+
+    def finger(self, sign: float) -> tuple[Pose, ET.Element]:
+        """Behind its pad, in a frame on the pad's face."""
+        radius, length = 2 / 3 * self.pad_radius_m, self.finger_height_m
+        solid = ET.Element("cylinder", radius=_text([radius]), length=_text([length]))
+        return Pose(np.array([sign * self.pad_radius_m, 0.0, length / 2]), np.eye(3)), solid
+
+
 def urdf_text(
-    mapping: Mapping, body: Part, limbs: list[SerialLimb], facts: dict[str, tuple[list[JointFacts], JointFacts]]
+    mapping: Mapping,
+    body: Part,
+    limbs: list[SerialLimb],
+    facts: dict[str, tuple[list[JointFacts], JointFacts]],
+    hand: Hand,
 ) -> str:
     """The URDF, in which names are PREFIX_name."""
     root = ET.Element("robot", name=mapping.name)
@@ -29,16 +60,22 @@ def urdf_text(
     element = _link(root, BODY, body, home)
     radius = mapping.capsule_radius_m or 0.0
     if body.meshes and radius > 0:
-        reach = np.abs([limb.points[0] for limb in limbs]).max(axis=0)
-        _shape(element, home, ET.Element("box", size=_text([2 * reach[0], 2 * reach[1], 2 * radius])))
+        inside = np.abs([limb.points[:2] for limb in limbs]).min(axis=(0, 1)) - 2 * radius  # of the limbs' capsules
+        sides = 2 * np.maximum(inside[:2], radius)
+        _shape(element, home, ET.Element("box", size=_text([*sides, 2 * radius])))
     for limb in limbs:
-        _limb(root, limb, facts[limb.name], mapping, radius)
+        _limb(root, limb, facts[limb.name], mapping, radius, hand)
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
 def _limb(
-    root: ET.Element, limb: SerialLimb, facts: tuple[list[JointFacts], JointFacts], mapping: Mapping, radius: float
+    root: ET.Element,
+    limb: SerialLimb,
+    facts: tuple[list[JointFacts], JointFacts],
+    mapping: Mapping,
+    radius: float,
+    hand: Hand,
 ) -> None:
     yaw, points = placed_frames(limb)
     turn = rotation((0.0, 0.0, yaw))
@@ -52,14 +89,15 @@ def _limb(
         _limit(joint, fact)
         frame = Pose(points[i], turn)
         element = _link(root, child, limb.parts[i], frame)
-        end = points[i + 1] if i < len(points) - 1 else limb.gripper.place
-        if limb.parts[i].meshes and radius > 0 and i < len(points) - 1:
+        above_palm = limb.gripper.place + limb.gripper.turn[:, 2] * (hand.finger_height_m + radius)
+        end = points[i + 1] if i < len(points) - 1 else above_palm
+        if limb.parts[i].meshes and radius > 0:
             _capsule(element, turn.T @ (end - points[i]), radius)
         parent, before = child, points[i]
-    _gripper(root, limb, facts[1], turn, parent)
+    _gripper(root, limb, facts[1], turn, parent, hand)
 
 
-def _gripper(root: ET.Element, limb: SerialLimb, fact: JointFacts, turn: Array, parent: str) -> None:
+def _gripper(root: ET.Element, limb: SerialLimb, fact: JointFacts, turn: Array, parent: str, hand: Hand) -> None:
     _, points = placed_frames(limb)
     gripper = f"{limb.name}_{GRIPPER}"
     mount = _joint(root, f"{limb.name}_mount", "fixed", parent, gripper)
@@ -67,7 +105,9 @@ def _gripper(root: ET.Element, limb: SerialLimb, fact: JointFacts, turn: Array, 
     ET.SubElement(
         mount, "origin", xyz=_text(turn.T @ (limb.gripper.place - points[-1])), rpy=_text(_snapped(rpy, RIGHT), 12)
     )
-    _link(root, gripper, limb.parts[-1], limb.gripper)
+    element = _link(root, gripper, limb.parts[-1], limb.gripper)
+    if limb.parts[-1].meshes:
+        _shape(element, *hand.palm(fact.limits[1]))
     for finger, name, sign in zip(limb.fingers, FINGERS, (1.0, -1.0), strict=True):
         child = f"{limb.name}_{name.removesuffix('_slide')}"
         joint = _joint(root, f"{limb.name}_{name}", "prismatic", gripper, child)
@@ -75,7 +115,9 @@ def _gripper(root: ET.Element, limb: SerialLimb, fact: JointFacts, turn: Array, 
         ET.SubElement(joint, "axis", xyz=_text([sign, 0, 0]))
         _limit(joint, fact)
         start = limb.gripper.turn @ np.array([finger.start_m[0], 0.0, 0.0])
-        _link(root, child, finger.part, Pose(limb.gripper.place + start, limb.gripper.turn))
+        element = _link(root, child, finger.part, Pose(limb.gripper.place + start, limb.gripper.turn))
+        if finger.part.meshes:
+            _shape(element, *hand.finger(sign))
 
 
 def _joint(root: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
