@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import shutil
 import struct
 import xml.etree.ElementTree as ET
@@ -41,6 +42,19 @@ def spoil(folder: Path, file: str, right: str, wrong: str) -> None:
 def test_scaler_is_found_by_name_and_by_folder() -> None:
     assert "scaler" in robot_names()
     assert load_robot("scaler").hash == load_robot(SCALER).hash
+
+
+def test_robots_of_ones_own_go_by_their_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for place in ("one/mine", "other/mine", "other/scaler"):
+        shutil.copytree(SCALER, tmp_path / place)
+    monkeypatch.setenv("CRUX_ROBOTS", os.pathsep.join(str(tmp_path / name) for name in ("one", "none", "other")))
+    assert robot_names() == ["mine", "scaler"]
+    assert load_robot("mine").folder == tmp_path / "one" / "mine"
+    assert load_robot("scaler").folder == tmp_path / "other" / "scaler"
+    monkeypatch.delenv("CRUX_ROBOTS")
+    assert load_robot("scaler").folder == SCALER
+    with pytest.raises(RobotError, match="no such file"):
+        load_robot("mine")
 
 
 def test_the_meaning_is_the_golden_one() -> None:

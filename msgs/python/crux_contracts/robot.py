@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import typing
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -33,6 +34,7 @@ __all__ = [
     "RobotFiles",
     "load_robot",
     "robot_files",
+    "robot_folders",
     "robot_hash",
     "robot_names",
 ]
@@ -45,9 +47,17 @@ class RobotError(DocumentError):
     """A robot description that cannot be used."""
 
 
+def robot_folders() -> dict[str, Path]:
+    """Robots that go by their name, and their folders: those that ship with crux, and those in the folders that the
+    environment variable CRUX_ROBOTS names, of which the first has the last word.
+    """
+    own = [Path(folder) for folder in os.environ.get("CRUX_ROBOTS", "").split(os.pathsep) if folder]
+    return {path.parent.name: path.parent for each in (ROBOTS, *reversed(own)) for path in each.glob("*/robot.yaml")}
+
+
 def robot_names() -> list[str]:
-    """Robots that ship with crux."""
-    return sorted(path.parent.name for path in ROBOTS.glob("*/robot.yaml"))
+    """Robots that go by their name."""
+    return sorted(robot_folders())
 
 
 def robot_hash(folder: str | Path) -> str:
@@ -68,10 +78,9 @@ class RobotFiles:
 
 
 def robot_files(name_or_folder: str | Path) -> RobotFiles:
-    """Of a robot that ships with crux (by name) or any robot folder. Raises RobotError where robot.yaml is wrong."""
-    folder = Path(name_or_folder)
-    if isinstance(name_or_folder, str) and name_or_folder in robot_names():
-        folder = ROBOTS / name_or_folder
+    """Of a robot by its name, or of any robot folder. Raises RobotError where robot.yaml is wrong."""
+    named = robot_folders() if isinstance(name_or_folder, str) else {}
+    folder = named.get(str(name_or_folder), Path(name_or_folder))
     try:
         text = read_bytes(folder / "robot.yaml")
         root, keys = _keys(text, str(folder / "robot.yaml"))
@@ -83,7 +92,7 @@ def robot_files(name_or_folder: str | Path) -> RobotFiles:
 
 
 def load_robot(name_or_folder: str | Path) -> Robot:
-    """Reads a robot that ships with crux (by name) or any robot folder. Raises RobotError with all that is wrong."""
+    """Reads a robot by its name, or any robot folder. Raises RobotError with all that is wrong."""
     try:
         return _load(robot_files(name_or_folder))
     except RobotError:

@@ -81,7 +81,7 @@ class _Reader(Records):
     def robot(self, node: Node) -> str:
         name, known = self.check.text(node), robot_names()
         if name and name not in known and not self.any_robot:
-            self.check.note(node, f"no such folder under msgs/robots; {did_you_mean(name, known)}")
+            self.check.note(node, f"no such folder under msgs/robots or CRUX_ROBOTS; {did_you_mean(name, known)}")
         return name
 
     def contact(self, node: Node) -> Contact:

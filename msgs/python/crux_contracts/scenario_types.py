@@ -201,7 +201,7 @@ class Scenario:
     """What is climbed or walked: the wall, the holds on it, where the robot is and where it shall be."""
 
     name: str = key(REQUIRED, means="shown in plans, logs and reports")
-    robot: str = key(REQUIRED, means="a folder under msgs/robots", reader="robot")
+    robot: str = key(REQUIRED, means="a folder under msgs/robots or $CRUX_ROBOTS", reader="robot")
     wall: Wall = key(REQUIRED, means="the plane")
     contact: Contact = key(REQUIRED, means="how the robot holds on", reader="contact")
     holds: tuple[Hold, ...] = key((), most=MAX_CUBOIDS, means="cuboids over which grippers close")

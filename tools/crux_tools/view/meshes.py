@@ -36,7 +36,8 @@ def _numbers(element: ET.Element | None, name: str, default: str) -> tuple[float
 
 def _file(robot: robots.Robot, inner: str) -> Path | None:
     """A mesh of the robot's folder, whether a log carries it there or this machine has it; links do not lead out."""
-    for folder, name in ((robot.folder, inner), (robot.folder, inside(inner)), (robots.ROBOTS / robot.name, inner)):
+    here = robots.robot_folders().get(robot.name, robot.folder)
+    for folder, name in ((robot.folder, inner), (robot.folder, inside(inner)), (here, inner)):
         path = (folder / name).resolve()
         if path.suffix.lower() in KINDS and path.is_relative_to(folder.resolve()) and path.is_file():
             return path
