@@ -5,7 +5,7 @@ What the functions need is imported when they are called: the thresholds alone c
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from crux_planner.trajectory.consensus import FORCE_THRESHOLD_N, POSITION_THRESH
 if TYPE_CHECKING:
     from crux_planner.admm.admm import Decided
     from crux_planner.checker import CheckReport
+    from crux_planner.pipeline.first_wall import FirstWall
     from crux_planner.pipeline.wall_check import WallReport
     from crux_planner.trajectory.knot_qp import KnotSolution
 
@@ -26,9 +27,11 @@ __all__ = [
     "FORCE_THRESHOLD_N",
     "METHODS_HERE",
     "POSITION_THRESHOLD_M",
+    "FirstWall",
     "MethodReport",
     "WallReport",
     "climb_report",
+    "first_walls",
     "least_normal_N",
     "limits",
     "start_is_well_formed",
@@ -141,3 +144,10 @@ def wall_report(
     from crux_planner.pipeline import wall_check
 
     return wall_check.wall_report(scenario, robot, limit_s, looks, at)
+
+
+def first_walls(robot: Robot) -> Iterator[FirstWall]:
+    """Walls for a robot's first climb: see `crux_planner.pipeline.first_wall`."""
+    from crux_planner.pipeline import first_wall
+
+    return first_wall.first_walls(robot)

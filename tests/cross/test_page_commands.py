@@ -68,7 +68,7 @@ ELSEWHERE = {
         "certificate",
     ),
     r"crux plan SCENARIO -o NEW.mcap --from .*": ("tests/planner/pipeline/test_plan_cli.py", '"--from"'),
-    r"crux robot import maker.urdf .*|crux robot check robots/mine": ("tests/tools/test_robot_import.py", '"import"'),
+    r"crux robot import maker.urdf .*|crux robot check robots/mine.*": ("tests/tools/test_robot_import.py", '"import"'),
     r"crux wall import .*": ("tests/tools/test_wall_import.py", '"import"'),
     r"crux wall check .*": ("tests/tools/test_wall_check.py", '"check"'),
     r"crux robot check .*": ("tests/tools/test_robot_check.py", '"check"'),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,8 @@ CLEAR_M = 0.003
 MEETING_M = 1e-6  # axes nearer than this meet in a point
 
 
-def findings(robot: Described, friction: float) -> Iterator[Finding]:
-    """One after the other, as they are found."""
+def findings(robot: Described, friction: float, wall: Path | None = None) -> Iterator[Finding]:
+    """One after the other, as they are found; a first wall is fitted and written to `wall`."""
     yield _description(robot)
     if robot.model is None:
         remedy = "the checks below need every limb's joints from body_link to its gripper"
@@ -37,6 +38,16 @@ def findings(robot: Described, friction: float) -> Iterator[Finding]:
         yield _clearance(where)
         yield from _loads(where, robot.sections, friction)
     yield _gains(robot)
+    if wall is not None:
+        yield _first_wall(robot, friction, wall)
+
+
+def _first_wall(robot: Described, friction: float, path: Path) -> Finding:
+    if robot.robot is None or robot.model is None:
+        return Finding("first wall", DOUBTFUL, "not fitted", "it is fitted once planner and runtime take the robot")
+    from crux_tools.robot.first_wall import fitted  # the planner's model takes long to import
+
+    return fitted(robot.robot, robot.model, friction, path)
 
 
 def _description(robot: Described) -> Finding:

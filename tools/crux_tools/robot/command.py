@@ -71,15 +71,20 @@ def _add_check(actions: Any) -> None:
             "Checks a robot description and the robot that it describes: everything that is wrong with the files; "
             "joints, masses and limits; where the grippers reach the wall; a stance in the middle of that, its "
             "clearances, and what share of the peak and the continuous torques it takes to hang there on walls of 0 "
-            "to 180 degrees, on four limbs and on three; how late the drives may answer. Exit status 1: something is "
-            "bad.",
+            "to 180 degrees, on four limbs and on three; how late the drives may answer. With --wall also a first "
+            "wall: the steepest, up to 90 degrees, on which its motors bear it on three limbs and a plan is found. "
+            "Exit status 1: something is bad.",
             "crux robot check scaler",
             "crux robot check robots/mine --friction 0.8 --json",
+            "crux robot check mine --wall first-wall.yaml",
         ),
     )
-    parser.add_argument("robot", metavar="ROBOT", help="name of a robot that ships with crux, or a robot folder")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a robot, or a robot folder")
     parser.add_argument(
         "--friction", type=positive, default=2.2, metavar="MU", help="of the holds (default: %(default)g, sandpaper)"
+    )
+    parser.add_argument(
+        "--wall", type=Path, metavar="FILE", help="fit a first wall to the robot, and write its scenario"
     )
     add_json_option(parser)
     parser.set_defaults(action=_check)
@@ -96,8 +101,8 @@ def _check(options: argparse.Namespace) -> int:
 
     robot = described(options.robot)
     found = []
-    with progress("checking", 8) as bar:
-        for done, finding in enumerate(findings(robot, options.friction)):
+    with progress("checking", 9) as bar:
+        for done, finding in enumerate(findings(robot, options.friction, options.wall)):
             found.append(finding)
             bar.at(done)
             note(f"{MARKS[finding.verdict]}  {finding.topic}: {finding.found}")

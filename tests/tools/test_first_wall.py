@@ -1,0 +1,109 @@
+"""`crux robot check --wall`: the wall fitted to a robot can be planned and climbed, and is as steep as motors bear."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import crux_planner
+import pytest
+from climbs import climb_here, saved
+from crux_contracts.robot import ROBOTS, Robot
+from crux_contracts.scenario import load_scenario
+from crux_tools import cli
+from crux_tools.robot import first_wall
+from makers_urdf import makers_files
+
+
+def fitted(robot: str, wall: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    """The finding of the command."""
+    cli.main(["robot", "check", robot, "--wall", str(wall), "--json"])
+    checks = json.loads(capsys.readouterr().out)["checks"]
+    return next(check for check in checks if check["topic"] == "first wall")
+
+
+def test_the_shipped_robot_climbs_a_vertical_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wall = tmp_path / "wall.yaml"
+    assert fitted("scaler", wall, capsys)["verdict"] == "good"
+    scenario = load_scenario(wall)
+    assert scenario.wall.slope_deg == 90
+    assert {grasp.hold for grasp in scenario.goal.grasps.values()} == {"LF-high", "RF-high", "LR-high", "RR-high"}
+    assert crux_planner.plan(scenario, "scaler").check.ok
+
+
+def weaker(folder: Path, share: float) -> str:
+    """The shipped robot with this share of its torques."""
+    shutil.copytree(ROBOTS / "scaler", folder / "scaler")
+    path = folder / "scaler" / "scaler.urdf"
+    path.write_text(re.sub(r'effort="(6|12)"', lambda found: f'effort="{share * float(found[1]):g}"', path.read_text()))
+    return str(folder / "scaler")
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.45, "doubtful"), (0.2, "bad")])
+def test_weak_motors_get_a_gentle_one_or_none(
+    share: float, verdict: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wall, robot = tmp_path / "wall.yaml", weaker(tmp_path, share)
+    found = fitted(robot, wall, capsys)
+    assert found["verdict"] == verdict
+    if verdict == "bad":
+        assert "motors bear no slope" in found["found"]
+        assert not wall.exists()
+        return
+    assert 0 < load_scenario(wall).wall.slope_deg < 90
+    assert "CRUX_ROBOTS" in found["remedy"]  # the name is another robot's
+    monkeypatch.setenv("CRUX_ROBOTS", str(tmp_path))
+    assert fitted(robot, wall, capsys)["verdict"] == "good"
+
+
+def imported(folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    urdf, mapping = makers_files(folder)
+    words = ["robot", "import", str(urdf), "--mapping", str(mapping), "-o", str(folder / "robots" / "makers")]
+    assert cli.main(words) == 0
+    capsys.readouterr()
+    return str(folder / "robots" / "makers")
+
+
+def test_a_wall_that_is_not_planned_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[float] = []
+
+    def steep(document: dict[str, Any], _: Robot, **_limits: float) -> None:
+        tried.append(document["wall"]["slope_deg"])
+        if len(tried) < failures + 1:
+            raise crux_planner.InfeasibleError("torque", "too steep")
+
+    monkeypatch.setattr(first_wall, "plan", steep)
+    for failures, slopes, verdict in ((1, [90, 75], "good"), (5, [90, 75, 60], "bad")):
+        tried.clear()
+        wall = tmp_path / f"{failures}.yaml"
+        found = fitted("scaler", wall, capsys)
+        assert (tried, found["verdict"], wall.exists()) == (slopes, verdict, verdict == "good")
+    assert "no plan for those that fit, as on 60 degrees: too steep" in found["found"]
+
+
+def test_an_imported_robot_gets_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some 15 s: so long it takes to map and to plan with limbs without a closed form."""
+    robot, wall = imported(tmp_path, capsys), tmp_path / "wall.yaml"
+    monkeypatch.setenv("CRUX_ROBOTS", str(tmp_path / "robots"))
+    assert fitted(robot, wall, capsys)["verdict"] == "good"
+    assert load_scenario(wall).wall.slope_deg >= 30
+
+
+@pytest.mark.sweep
+def test_an_imported_robot_climbs_its_first_wall(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, wall = imported(tmp_path, capsys), tmp_path / "wall.yaml"
+    monkeypatch.setenv("CRUX_ROBOTS", str(tmp_path / "robots"))
+    assert fitted(robot, wall, capsys)["verdict"] == "good"
+    result = crux_planner.plan(load_scenario(wall), robot)
+    assert result.check.ok
+    status, said = climb_here(saved(tmp_path, result.plan), tmp_path / "climb.mcap")
+    assert (status, said["ok"], said["slips"]) == (0, True, 0)

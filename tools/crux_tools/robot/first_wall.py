@@ -1,0 +1,101 @@
+"""`crux robot check --wall`: of the first walls that the planner proposes the steepest that is borne and has a plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+from crux_contracts.output_file import write_whole
+from crux_contracts.robot import Robot, robot_folders
+from crux_planner import InfeasibleError, plan
+from crux_planner.checker import geometry
+from crux_planner.checker.inverse_kinematics import solve
+from crux_planner.checker.limb_model import WholeRobot
+from crux_planner.method_report import first_walls
+
+from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, Finding
+from crux_tools.robot.loads import least_load
+from crux_tools.robot.stance import Stance
+
+if TYPE_CHECKING:
+    from crux_planner.method_report import FirstWall
+
+SLOPES_DEG = (90, 75, 60, 45, 30, 15, 0)
+MOST_SHARE = 0.75  # of the peak torques on three limbs: the planner keeps a quarter
+TRIES, LIMIT_S = 3, 30.0  # slopes that are planned, and CPU seconds for each
+ASIDE = (-0.5, 0.0, 0.5)  # steps by which the body may be below or above its holds' middle for a lift
+
+
+def fitted(robot: Robot, model: WholeRobot, friction: float, path: Path) -> Finding:
+    """Writes the scenario; says what it is, or why there is none."""
+    try:
+        walls = list(first_walls(robot))
+    except InfeasibleError as none:
+        return Finding("first wall", BAD, "none fits", str(none))
+    if not walls:
+        remedy = "no four holds that the limbs reach all along a step: other limits, body.height_m or gripper_yaw_rad"
+        return Finding("first wall", BAD, "none fits", remedy)
+    stances = [[_standing(wall, model, aside * wall.stride_m) for aside in ASIDE] for wall in walls]
+    found, tries = "none fits: the motors bear no slope", 0
+    remedy = f"stronger motors or a lighter robot: on three limbs no more than {MOST_SHARE:g} of the peak torques"
+    for slope in SLOPES_DEG:
+        shares = [_hardest(each, slope, friction, robot.gripper.max_finger_force_N) for each in stances]
+        borne = [(-wall.stride_m, share, i) for i, (wall, share) in enumerate(zip(walls, shares, strict=True))]
+        borne = [each for each in borne if each[1] <= MOST_SHARE]
+        if not borne or tries == TRIES:
+            continue
+        _, share, chosen = min(borne)  # the longest step
+        document, tries = walls[chosen].document(slope, friction), tries + 1
+        try:
+            plan(document, robot, time_limit_s=LIMIT_S)
+        except InfeasibleError as none:
+            found, remedy = (
+                f"no plan for those that fit, as on {slope} degrees: {none}",
+                "other limits or stronger motors",
+            )
+            continue
+        _write(path, document, robot)
+        what = f"{path}: {slope} degrees, a step of {walls[chosen].stride_m:g} m, {share:.2f} of the peak torques"
+        return _said(what, robot, path)
+    return Finding("first wall", BAD, found, remedy)
+
+
+def _write(path: Path, document: dict[str, Any], robot: Robot) -> None:
+    said = f"# Fitted to {robot.name} by `crux robot check --wall`: start and goal on four holds each, a step apart.\n"
+    text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=140)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, (said + text).encode())
+
+
+def _said(what: str, robot: Robot, path: Path) -> Finding:
+    known = robot_folders().get(robot.name)
+    if known is None or known.resolve() != robot.folder.resolve():
+        remedy = f"crux plan knows no robot {robot.name} in {robot.folder}: call the folder so, "
+        return Finding("first wall", DOUBTFUL, what, f"{remedy}and name the one that it is in by CRUX_ROBOTS")
+    return Finding("first wall", GOOD, f"{what}; next: crux plan {path} -o plan.mcap")
+
+
+def _hardest(stances: list[Stance], slope_deg: float, friction: float, most_N: float) -> float:
+    """The greatest share of peak torques that hanging on three limbs takes, each time in the best of the stances;
+    infinite above MOST_SHARE.
+    """
+    limbs, most = stances[0].model.limbs, 0.0
+    peaks = [np.array([joint.effort for joint in limb.joints]) for limb in limbs]
+    for lifted in range(len(limbs)):
+        loads = (least_load(stance, np.radians(slope_deg), peaks, friction, most_N, lifted) for stance in stances)
+        most = max(most, min((load.share for load in loads if load is not None), default=np.inf))
+        if most > MOST_SHARE:
+            return np.inf
+    return most
+
+
+def _standing(wall: FirstWall, model: WholeRobot, up_m: float) -> Stance:
+    """On the wall's first holds, the body so much further down the wall."""
+    places, yaws = wall.grippers_b[:, :3] + [up_m, 0.0, 0.0], wall.grippers_b[:, 3]
+    turns = geometry.rotation_about_z(yaws)
+    found = solve(model.limbs, list(places[:, None]), list(turns[:, None]))
+    opening = np.array([wall.robot.gripper.open_opening_m])
+    states = [limb.forward(each.q_rad, opening) for limb, each in zip(model.limbs, found, strict=True)]
+    return Stance(model, states, places, yaws)
