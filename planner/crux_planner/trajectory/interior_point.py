@@ -79,7 +79,10 @@ def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
     iteration, short, still, near, cost, damping, primal = 0, 0, 0, False, np.inf, 0.0, np.inf
     while True:
         before = primal
-        at = stages.derivatives(point.body, point.columns, point.multipliers, _net(point.duals), near=near)
+        try:
+            at = stages.derivatives(point.body, point.columns, point.multipliers, _net(point.duals), near=near)
+        except np.linalg.LinAlgError:  # of numbers that are no longer finite
+            return Outcome(point, iteration, False, cost)
         lacking = np.where(bounded, stages.slack(at.rows) - point.slacks, 0.0)
         defects = at.next_states - point.body[1:]
         gap = _gap(point.slacks, point.duals, bounded)

@@ -82,6 +82,12 @@ def stages_at_random(seed: int) -> tuple[StageProblem, Point]:
     return stages, point
 
 
+def test_numbers_that_are_no_longer_finite_end_it() -> None:
+    stages, point = stages_at_random(5)
+    point.body[7, :3] = np.nan
+    assert not minimise(stages, point, clock.now() + 60).solved
+
+
 def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest.MonkeyPatch) -> None:
     stages, point = stages_at_random(3)
     random = np.random.default_rng(4)
