@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import can
 import numpy as np
 import pytest
-from crux_contracts.robot import load_robot
+from crux_contracts.plan_file import plan_id
+from crux_contracts.robot import ROBOTS, load_robot
 from crux_msgs import can_frames_t
 from crux_simulation.sim.climb import ClimbOptions, climb
 from crux_simulation.sim.world_file import parse_world
@@ -99,3 +102,20 @@ def test_candump_has_the_frames_of_the_log(whole: Path, written: can.CanutilsLog
     assert {each.arbitration_id for each in messages if each.arbitration_id > 0x700}  # heartbeats, which no signal has
     times_s = np.array([each.timestamp for each in messages])
     assert np.all((times_s >= frames.log_ns / 1e9 - 1e-6) & (times_s <= frames.log_ns / 1e9 + DT_S + 1e-6))
+
+
+def test_frames_are_made_of_joints_with_any_names(tmp_path: Path, whole: Path) -> None:
+    robot_folder, log, out = tmp_path / "scaler", tmp_path / "log.mcap", tmp_path / "made.log"
+    shutil.copytree(ROBOTS / "scaler", robot_folder)
+    for file in ("robot.yaml", "scaler.urdf"):
+        path = robot_folder / file
+        path.write_text(re.sub(r"joint(?=[1-6])", "axis", path.read_text(encoding="utf-8")), encoding="utf-8")
+    robot, plan = load_robot(robot_folder), standing_plan()
+    plan.robot_sha256 = robot.hash
+    plan.plan_id = plan_id(plan)
+    climb(plan, robot, log, ClimbOptions())
+    assert main(["log", "export", str(log), "-o", str(out), "--candump"]) == 0
+    with can.CanutilsLogReader(out) as reader:
+        made = {message.arbitration_id for message in reader}
+    cyclic = {each for each in read_can_frames(whole).identifier.tolist() if 0x100 < each < 0x700}  # not heartbeats
+    assert made >= cyclic
