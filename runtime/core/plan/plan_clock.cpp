@@ -1,8 +1,15 @@
 #include "core/plan/plan_clock.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace crux {
+namespace {
+
+// From a standstill to full speed, and back: a body that starts or stops at once pushes on its limbs.
+constexpr double kStart_s = 0.2;
+
+}  // namespace
 
 template <class Concerns>
 bool PlanClock::all_seen(WaitingFor what, bool LimbEvents::* wanted, const PerLimb<LimbEvents>& events,
@@ -16,9 +23,10 @@ bool PlanClock::all_seen(WaitingFor what, bool LimbEvents::* wanted, const PerLi
   return true;
 }
 
-void PlanClock::stop_at(double elapsed_s, double dt_s) noexcept {
+void PlanClock::stop_at(double elapsed_s, double dt_s, double pace) noexcept {
   now_.elapsed_s = elapsed_s;
   waited_s_ += dt_s;
+  pace_ = pace;
 }
 
 PlanTime PlanClock::next_stance(const PreparedPlan& plan) const noexcept {
@@ -44,6 +52,7 @@ void PlanClock::depart(const PreparedPlan& plan, Motion motion) noexcept {
   waiting_for_ = WaitingFor::kNothing;
   waiting_limb_ = -1;
   waited_s_ = 0.0;
+  pace_ = 1.0;
 }
 
 /// A stance counts as verified when all limbs bear and all of them grip.
@@ -82,7 +91,15 @@ void PlanClock::advance(const PreparedPlan& plan, const PerLimb<LimbEvents>& eve
   const double arrive_s = (back ? kLiftShare : kCloseShare) * length_s;
   const double edge_s = back ? 0.0 : length_s;
   const double sign = back ? -1.0 : 1.0;
-  const double to_s = now_.elapsed_s + sign * scale * dt_s;
+  pace_ = std::min(pace_ + dt_s / kStart_s, 1.0);
+  const auto brakes = [&](double at_s) {
+    pace_ = std::clamp(std::sqrt(2.0 * std::abs(at_s - now_.elapsed_s) / kStart_s), dt_s / kStart_s, pace_);
+  };
+  for (int l = 0; l < kLimbs; ++l) {
+    if (comes(l) && !events[l].gripped) brakes(edge_s);
+    if (leaves(l) && !events[l].opened && sign * (leave_s - now_.elapsed_s) >= 0.0) brakes(leave_s);
+  }
+  const double to_s = now_.elapsed_s + sign * pace_ * scale * dt_s;
   const auto ahead = [&](double at_s) { return sign * (at_s - now_.elapsed_s) >= 0.0; };
   // A gate stands where the clock is about to pass it.
   const auto passes = [&](double at_s) { return ahead(at_s) && sign * (to_s - at_s) > 0.0; };
@@ -100,7 +117,10 @@ void PlanClock::advance(const PreparedPlan& plan, const PerLimb<LimbEvents>& eve
     }
     // What a gripper comes down on is pressed no further by the clock.
     const auto blocked = [&](int l) { return comes(l) && ahead(arrive_s) && events[l].blocked; };
-    if (!all_seen(WaitingFor::kArrive, &LimbEvents::arrived, events, blocked)) return stop_at(now_.elapsed_s, dt_s);
+    if (!all_seen(WaitingFor::kArrive, &LimbEvents::arrived, events, blocked)) {
+      // A gentle start would only brush what is in the way, and the load never tell.
+      return stop_at(now_.elapsed_s, dt_s, pace_);
+    }
     if (passes(arrive_s) && !all_seen(WaitingFor::kArrive, &LimbEvents::arrived, events, comes)) {
       return stop_at(arrive_s, dt_s);
     }

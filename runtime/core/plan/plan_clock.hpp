@@ -80,7 +80,7 @@ class PlanClock {
   template <class Concerns>
   bool all_seen(WaitingFor what, bool LimbEvents::* wanted, const PerLimb<LimbEvents>& events,
                 Concerns concerns) noexcept;
-  void stop_at(double elapsed_s, double dt_s) noexcept;
+  void stop_at(double elapsed_s, double dt_s, double pace = 0.0) noexcept;
   void verify(const PreparedPlan& plan, const PerLimb<LimbEvents>& events) noexcept;
   void cross_knot(const PreparedPlan& plan) noexcept;
   PlanTime next_stance(const PreparedPlan& plan) const noexcept;
@@ -94,6 +94,7 @@ class PlanClock {
   WaitingFor waiting_for_ = WaitingFor::kNothing;
   int waiting_limb_ = -1;
   double waited_s_ = 0.0;
+  double pace_ = 1.0;  ///< share of its speed: less before a wait and after it
 };
 
 }  // namespace crux

@@ -262,6 +262,20 @@ TEST_F(Clock, WaitsForNothingWhileItIsToldToStandStill) {
   EXPECT_NEAR(now_s(), 6.0, 1e-9);
 }
 
+TEST_F(Clock, StopsAndStartsWithoutAJolt) {
+  PerLimb<LimbEvents> events = all_seen();
+  events[0].gripped = false;
+  double before_s = 0.0, step_s = kDt_s;
+  while (now_s() < 12.5) {
+    if (clock_.waited_s() > 1.0) events = all_seen();
+    clock_.advance(*plan_, events, kDt_s, 1.0);
+    ASSERT_LE(std::abs(now_s() - before_s - step_s), 2.1 * kDt_s * kDt_s / 0.2) << "at " << now_s() << " s";
+    step_s = now_s() - before_s;
+    before_s = now_s();
+  }
+  EXPECT_NEAR(step_s, kDt_s, 1e-9);
+}
+
 TEST_F(Clock, StepsFromStanceToStance) {
   // Knots 0, 1, 2 and 7, and knot 6 once LF bears its whole load: 0.42 of the interval; then the plan's end.
   std::vector<double> stops_s;
