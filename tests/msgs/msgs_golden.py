@@ -204,13 +204,18 @@ def walking() -> dict[str, Any]:
     return interpolation(sample_walk())
 
 
-def own_times() -> dict[str, Any]:
+def own_times(plan_format: int = plan_t.FORMAT_OWN_TIMES) -> dict[str, Any]:
     """The same for knots at times of their own."""
     plan = sample_plan()
-    plan.format = plan_t.FORMAT_OWN_TIMES
+    plan.format = plan_format
     for k, knot in enumerate(plan.knots[1:], start=1):
         knot.time_s = plan.knots[k - 1].time_s + (0.3, 1.1, 0.25, 0.7)[k % 4] * plan.dt_s
     return interpolation(plan)
+
+
+def moving_fingers() -> dict[str, Any]:
+    """The same for fingers that move while grippers lift and come down."""
+    return own_times(plan_t.FORMAT_MOVING_FINGERS)
 
 
 def interpolation(plan: plan_t | None = None) -> dict[str, Any]:
@@ -220,7 +225,7 @@ def interpolation(plan: plan_t | None = None) -> dict[str, Any]:
     samples = []
     for k in range(reference.intervals):
         for u in SHARES:
-            own = plan.format == plan_t.FORMAT_OWN_TIMES
+            own = plan.format >= plan_t.FORMAT_OWN_TIMES
             time_s = reference.time_s[k] + u * reference.step_s[k] if own else (k + u) * plan.dt_s
             position, rpy = reference.body(time_s)
             limbs = []
@@ -258,6 +263,7 @@ VECTORS: dict[str, Callable[[], Any]] = {
     "can_frames.json": can_frames,
     "interpolation.json": interpolation,
     "own_times.json": own_times,
+    "moving_fingers.json": moving_fingers,
     "walking.json": walking,
 }
 

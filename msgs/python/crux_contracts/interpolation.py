@@ -17,12 +17,27 @@ from . import LIMB_NAMES
 
 Array = NDArray[np.float64]
 
-LIFT_SHARE = 0.5
-"""The fingers have opened, the gripper lifts."""
-ARRIVE_SHARE = 0.55
-"""The gripper stands at its new hold."""
-CLOSE_SHARE = 0.6
-"""The fingers close."""
+
+@dataclass(frozen=True)
+class SwingShares:
+    """Instants of a swing's first and last interval, as shares of it."""
+
+    lift: float
+    """The gripper lifts."""
+    arrive: float
+    """The gripper stands at its new hold."""
+    close: float
+    """The fingers close until they press."""
+    fingers_move: bool
+    """They open and close at a steady speed over the whole interval; else before the lift and from `close` on."""
+
+
+def swing_shares(plan_format: int) -> SwingShares:
+    """The instants in plans of this format."""
+    moving = plan_format == plan_t.FORMAT_MOVING_FINGERS
+    return SwingShares(0.4, 0.6, 0.6, True) if moving else SwingShares(0.5, 0.55, 0.6, False)
+
+
 LOAD_BEGIN, LOAD_SPAN = 0.02, 0.4
 """Blend from the last interval's wrench."""
 UNLOAD_BEGIN, UNLOAD_SPAN = 0.5, 0.45
@@ -66,7 +81,7 @@ def gripper_wrench(knot: limb_knot_t) -> Array:
 
 def knot_times_s(plan: plan_t) -> Array:
     """(N+1,) when each knot stands: every dt_s, or at its own time."""
-    if plan.format == plan_t.FORMAT_OWN_TIMES:
+    if plan.format >= plan_t.FORMAT_OWN_TIMES:
         return np.array([knot.time_s for knot in plan.knots], dtype=float)
     even: Array = np.arange(len(plan.knots), dtype=float) * plan.dt_s
     return even
@@ -91,9 +106,10 @@ class PlanReference:
         self.intervals = len(plan.knots) - 1
         self.time_s = knot_times_s(plan)
         """(N+1,) of the knots"""
-        own_times = plan.format == plan_t.FORMAT_OWN_TIMES
+        own_times = plan.format >= plan_t.FORMAT_OWN_TIMES
         self.step_s = np.diff(self.time_s) if own_times else np.full(self.intervals, plan.dt_s)
         """(N,) from each knot to the next"""
+        self.shares = swing_shares(plan.format)
         limbs = [[knot.limbs[limb] for limb in range(len(LIMB_NAMES))] for knot in plan.knots]
         self.air = np.array([[limb.phase == limb_knot_t.AIR for limb in knot] for knot in limbs])
         """(N+1, 4)"""
@@ -139,21 +155,23 @@ class PlanReference:
 
     def limb(self, limb: int, k: int, u: ArrayLike) -> GripperReference:
         """Gripper pose and finger opening. Motion starts and ends smoothly where a swing does; fingers open as soon as
-        the swing begins and close from CLOSE_SHARE of its last interval. Point feet run through the knots as the body
-        does."""
+        the swing begins and close at the end of its last interval, or over it. Point feet run through the knots as the
+        body does."""
         share = np.asarray(u, dtype=float)
         if self.point_feet:
             foot = self._feet(np.clip(self.time_s[k] + share * self.step_s[k], 0.0, self.end_s))[..., limb, :]
             return GripperReference(foot[..., :3], foot[..., 3], np.full_like(share, self._opening_m[k, limb]))
         here, after = self._opening_m[k, limb], self._opening_m[k + 1, limb]
+        shares, steady = self.shares, here + (after - here) * share
         if not self.air[k, limb]:
             progress, opening = np.zeros_like(share), np.full_like(share, here)
         elif self.lets_go(k, limb):
-            progress, opening = smoothstep((share - LIFT_SHARE) / (1 - LIFT_SHARE)), np.full_like(share, after)
+            progress, opening = smoothstep((share - shares.lift) / (1 - shares.lift)), np.full_like(share, after)
         elif self.takes_hold(k + 1, limb):
-            progress, opening = smoothstep(share / ARRIVE_SHARE), np.where(share > CLOSE_SHARE, after, here)
+            progress = smoothstep(share / shares.arrive)
+            opening = np.where(share > shares.close, after, steady if shares.fingers_move else here)
         else:
-            progress, opening = share, here + (after - here) * share
+            progress, opening = share, steady
         start, end = self._position_w_m[k, limb], self._position_w_m[k + 1, limb]
         yaw, yaw_end = self._yaw_w_rad[k, limb], self._yaw_w_rad[k + 1, limb]
         return GripperReference(start + progress[..., None] * (end - start), yaw + progress * (yaw_end - yaw), opening)

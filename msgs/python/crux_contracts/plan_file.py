@@ -31,7 +31,7 @@ PLAN_TOPIC = BY_NAME[CRUX_PLAN].topic
 KNOT_TOPIC = f"{PLAN_TOPIC}/knot"
 ATTACHMENT = "scenario.yaml"
 LIBRARY = "crux"
-FORMATS = (plan_t.FORMAT, plan_t.FORMAT_FROM_AIR, plan_t.FORMAT_OWN_TIMES)
+FORMATS = range(plan_t.FORMAT, plan_t.FORMAT_MOVING_FINGERS + 1)
 MAX_BYTES = 32_000_000
 MAX_KNOTS = 4000
 MAX_HOLDS = 1000
@@ -207,7 +207,7 @@ def _check(plan: plan_t, name: str) -> None:
         if not 0.0 <= knot.time_s <= MAX_TIME_S:
             raise PlanFileError(f"{name}: knots[{index}].time_s {knot.time_s:g}, expected 0..{MAX_TIME_S:g}")
         step_s = knot.time_s - plan.knots[index - 1].time_s if index else MIN_DT_S + knot.time_s
-        if plan.format == plan_t.FORMAT_OWN_TIMES and not MIN_DT_S <= step_s <= (MAX_DT_S if index else MIN_DT_S):
+        if plan.format >= plan_t.FORMAT_OWN_TIMES and not MIN_DT_S <= step_s <= (MAX_DT_S if index else MIN_DT_S):
             expected = f"{MIN_DT_S:g}..{MAX_DT_S:g} s after the knot before" if index else "0"
             raise PlanFileError(f"{name}: knots[{index}].time_s {knot.time_s:g}, expected {expected}")
         for limb, limb_knot in zip(LIMB_NAMES, knot.limbs, strict=True):

@@ -16,7 +16,7 @@ _ROUNDING = 1e-9
 
 
 def check_pace(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
-    """Speed and acceleration of a gripper that lifts and comes down, the fingers' speed as they open, and the time in
+    """Speed and acceleration of a gripper that lifts and comes down, the fingers' speed in the air, and the time in
     which a limb gives off its load and takes it up.
     """
     pace, most_m_s = robot.pace, robot.gripper.max_finger_speed_m_s
@@ -33,13 +33,17 @@ def check_pace(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
         series["lift_speed"][k, limb] = 1.5 * way_m / took_s - pace.swing_speed_m_s
         series["lift_acceleration"][k, limb] = 6.0 * way_m / took_s**2 - pace.swing_acceleration_m_s2
 
+    lifts, comes, opens = (0.6, 0.6, 1.0) if plan.fingers_move else (0.5, 0.55, 0.5)
+    finger_m_s = 0.5 * np.abs(np.diff(plan.separation, axis=0)) / plan.step_s[:, None]
     for swing in swings(plan):
         limb, first, last = swing.limb, swing.first, swing.last
-        moves(first, limb, 0.5)
-        opens_m = 0.5 * float(plan.separation[first + 1, limb] - plan.separation[first, limb])
-        series["finger_speed"][first, limb] = opens_m / (0.5 * plan.step_s[first]) - most_m_s
+        moves(first, limb, lifts)
+        series["finger_speed"][first:last, limb] = finger_m_s[first:last, limb] - most_m_s
+        series["finger_speed"][first, limb] = finger_m_s[first, limb] / opens - most_m_s
         if last < plan.n_knots - 1:
-            moves(last, limb, 0.55)
+            moves(last, limb, comes)
+            if plan.fingers_move:
+                series["finger_speed"][last, limb] = finger_m_s[last, limb] - most_m_s
         for k, share in ((first - 1, 0.45), (last + 1, 0.4)):
             if 0 <= k < plan.n_knots - 1:
                 series["load_time"][k, limb] = pace.load_time_s - share * plan.step_s[k]

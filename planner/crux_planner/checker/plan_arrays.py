@@ -56,6 +56,8 @@ class PlanArrays:
     dt_s: float
     own_times: bool
     """Knots stand at times of their own."""
+    fingers_move: bool
+    """Fingers move while a gripper lifts and comes down."""
     step_s: Array
     """(K - 1,) from each knot to the next: dt_s, or as the knots' own times have it."""
     gravity_w: Array
@@ -178,7 +180,8 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
         )
         arrays = PlanArrays(
             float(plan.dt_s),
-            plan.format == plan.FORMAT_OWN_TIMES,
+            plan.format >= plan.FORMAT_OWN_TIMES,
+            plan.format == plan.FORMAT_MOVING_FINGERS,
             _steps(plan),
             np.array(plan.gravity_w_m_s2, dtype=float).reshape(3),
             float(plan.patch_k_m),
@@ -209,7 +212,7 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
 
 def _steps(plan: Any) -> Array:
     """From each knot to the next (K - 1,)."""
-    if plan.format != plan.FORMAT_OWN_TIMES:
+    if plan.format < plan.FORMAT_OWN_TIMES:
         return np.full(plan.n_knots - 1, float(plan.dt_s))
     return np.diff(np.array([knot.time_s for knot in plan.knots], dtype=float))
 
@@ -217,8 +220,8 @@ def _steps(plan: Any) -> Array:
 def _fault_of_form(plan: Any) -> str | None:
     """Why the message has not the form that arrays are read from; None where it has."""
     knots, holds = len(plan.knots), len(plan.holds)
-    if not plan.FORMAT <= plan.format <= plan.FORMAT_OWN_TIMES:
-        return f"format is {plan.format}, this checker knows {plan.FORMAT} to {plan.FORMAT_OWN_TIMES}"
+    if not plan.FORMAT <= plan.format <= plan.FORMAT_MOVING_FINGERS:
+        return f"format is {plan.format}, this checker knows {plan.FORMAT} to {plan.FORMAT_MOVING_FINGERS}"
     if plan.format == plan.FORMAT and knots and any(limb.phase == AIR for limb in plan.knots[0].limbs):
         return f"a limb is in the air at the first knot, which plans of format {plan.FORMAT} may not have"
     if plan.n_knots != knots or plan.n_holds != holds or plan.n_knots < 2:

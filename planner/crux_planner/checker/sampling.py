@@ -125,19 +125,22 @@ def _swing(
     kr, ur = k[rows], u[rows]
     share = ur.copy()
     lifting, closing = kr == first, kr == last
-    share[lifting] = smooth((ur[lifting] - 0.5) / 0.5)
-    share[closing & ~lifting] = smooth(ur[closing & ~lifting] / 0.55)
+    lift, arrive, close = (0.4, 0.6, 0.6) if plan.fingers_move else (0.5, 0.55, 0.6)
+    share[lifting] = smooth((ur[lifting] - lift) / (1.0 - lift))
+    share[closing & ~lifting] = smooth(ur[closing & ~lifting] / arrive)
     c, psi, half = plan.gripper_position[:, limb], plan.gripper_yaw[:, limb], 0.5 * plan.separation[:, limb]
     position[rows, limb] = c[kr] + share[:, None] * (c[kr + 1] - c[kr])
     yaw[rows, limb] = psi[kr] + share * (psi[kr + 1] - psi[kr])
     gap = half[kr] + ur * (half[kr + 1] - half[kr])
-    gap = np.where(lifting, half[kr] + np.clip(ur / 0.5, 0.0, 1.0) * (half[kr + 1] - half[kr]), gap)
-    closed = half[kr] + np.clip((ur - 0.6) / 0.4, 0.0, 1.0) * (half[kr + 1] - half[kr])
-    opening[rows, limb] = np.where(closing & ~lifting, closed, gap)
-    still = rows[lifting & (ur < 0.5)]
+    if not plan.fingers_move:
+        gap = np.where(lifting, half[kr] + np.clip(ur / lift, 0.0, 1.0) * (half[kr + 1] - half[kr]), gap)
+        closed = half[kr] + np.clip((ur - close) / (1.0 - close), 0.0, 1.0) * (half[kr + 1] - half[kr])
+        gap = np.where(closing & ~lifting, closed, gap)
+    opening[rows, limb] = gap
+    still = rows[lifting & (ur < lift)]
     own[still, limb] = plan.hold_before[first, limb]
     if last < plan.n_knots - 1:
-        near = rows[closing & (ur >= 0.6)]
+        near = rows[closing & (ur >= close)]
         own[near, limb] = plan.gripped_hold[last + 1, limb]
 
 

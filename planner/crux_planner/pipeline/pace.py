@@ -1,9 +1,10 @@
 """The pace of a climb (planner.objective): after the exact program, each interval takes the least time that the robot's
 pace allows. Contacts, poses and the order of events stay as they are.
 
-Fingers open no wider in a swing than holds and clearance need. Speeds follow from the times. The contact wrenches
-change by the least that balances the body's new accelerations, and fingers squeeze as much harder as friction then
-needs. The checker has the last word: where it refuses the plan, the intervals around take longer.
+Fingers open no wider in a swing than holds and clearance need, and move while the gripper lifts and comes down, but not
+where the checker refuses it. Speeds follow from the times. The contact wrenches change by the least that balances the
+body's new accelerations, and fingers squeeze as much harder as friction then needs. The checker has the last word:
+where it refuses the plan, the intervals around take longer.
 """
 
 from dataclasses import replace
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import N_LIMBS
-from crux_contracts.interpolation import ARRIVE_SHARE, LIFT_SHARE, LOAD_SPAN, UNLOAD_SPAN
+from crux_contracts.interpolation import LOAD_SPAN, UNLOAD_SPAN, SwingShares, swing_shares
 from crux_contracts.plan_file import plan_id
 from crux_contracts.plan_series import PlanSeries, plan_series
 from crux_contracts.robot import Robot
@@ -41,7 +42,8 @@ def paced(result: PlanResult, scenario: Scenario, robot: Robot, work: Work) -> P
     if scenario.planner.objective == "paper":
         return result
     with work.part("pace", 0.95):
-        quick = _paced(result, scenario, robot)
+        formats = (plan_t.FORMAT_MOVING_FINGERS, plan_t.FORMAT_OWN_TIMES)
+        quick = next(filter(None, (_paced(result, scenario, robot, plan_format) for plan_format in formats)), None)
     if quick is None:
         work.log(
             f"at no pace that planner.objective {scenario.planner.objective} asks for does the plan pass the check"
@@ -49,11 +51,12 @@ def paced(result: PlanResult, scenario: Scenario, robot: Robot, work: Work) -> P
     return quick or result
 
 
-def _paced(result: PlanResult, scenario: Scenario, robot: Robot) -> PlanResult | None:
+def _paced(result: PlanResult, scenario: Scenario, robot: Robot, plan_format: int) -> PlanResult | None:
     problem = build_problem(scenario, robot)
     plan = plan_t.decode(result.plan.encode())
     _narrow_fingers(plan, robot)
-    least_s = STRETCH[scenario.planner.objective] * least_times_s(plan_series(plan), robot)
+    plan.format = plan_format
+    least_s = STRETCH[scenario.planner.objective] * least_times_s(plan_series(plan), robot, swing_shares(plan_format))
     for _ in range(ROUNDS):
         quick = plan_t.decode(plan.encode())
         set_times(quick, least_s, problem)
@@ -68,7 +71,7 @@ def _paced(result: PlanResult, scenario: Scenario, robot: Robot) -> PlanResult |
     return None
 
 
-def least_times_s(series: PlanSeries, robot: Robot) -> Array:
+def least_times_s(series: PlanSeries, robot: Robot, shares: SwingShares) -> Array:
     """(N,) the least time of each interval by the robot's pace: of the body's way, of what each limb does, and of the
     load that limbs give off and take up.
     """
@@ -84,9 +87,12 @@ def least_times_s(series: PlanSeries, robot: Robot) -> Array:
     before, after = np.vstack([np.zeros((1, N_LIMBS), bool), air[:-2]]), air[1:]
     here = air[:-1]
     leaves, comes = here & ~before, here & ~after
+    fingers_s = opens_m / speed
     times += [np.where(here, steady_s, 0.0).max(axis=1)]
-    times += [np.where(leaves, np.maximum(smooth_s / (1 - LIFT_SHARE), opens_m / speed / LIFT_SHARE), 0.0).max(axis=1)]
-    times += [np.where(comes, smooth_s / ARRIVE_SHARE, 0.0).max(axis=1)]
+    times += [np.where(here & (after | shares.fingers_move), fingers_s, 0.0).max(axis=1)]
+    times += [np.where(leaves, smooth_s / (1 - shares.lift), 0.0).max(axis=1)]
+    times += [np.where(leaves & (not shares.fingers_move), fingers_s / shares.lift, 0.0).max(axis=1)]
+    times += [np.where(comes, smooth_s / shares.arrive, 0.0).max(axis=1)]
     times += [np.where(~here & after, pace.load_time_s / UNLOAD_SPAN, 0.0).max(axis=1)]
     times += [np.where(~here & before, pace.load_time_s / LOAD_SPAN, 0.0).max(axis=1)]
     least_s: Array = np.maximum(np.max(times, axis=0), pace.min_step_s)
@@ -110,7 +116,6 @@ def set_times(plan: plan_t, step_s: Array, problem: Problem) -> None:
     twist = np.einsum("kij,kj->ki", turned, spun[0] - spun[1])
     forces, moments = loads.changed(np.hstack([problem.mass_kg * push, twist]))
     times = np.concatenate([[0.0], np.cumsum(step_s)])
-    plan.format = plan_t.FORMAT_OWN_TIMES
     for k, knot in enumerate(plan.knots):
         knot.time_s = float(times[k])
         knot.body_velocity_w_m_s = velocity[k].tolist()
@@ -167,14 +172,15 @@ class _Loads:
 
 
 def _narrow_fingers(plan: plan_t, robot: Robot) -> None:
-    """Opens fingers in a swing no wider than both of its holds and the clearance need, in place."""
+    """Opens fingers in a swing no wider than the hold that is near and the clearance need, in place."""
     series = plan_series(plan)
     for swing in series.swings():
-        ends = [k for k in (swing.first - 1, swing.last + 1) if k >= 0]
-        most_m = float(series.separation_m[ends, swing.limb].max()) + 2 * robot.pace.opening_clearance_m
-        for knot in plan.knots[swing.first : swing.last + 1]:
-            limb = knot.limbs[swing.limb]
-            limb.finger_separation_m = min(limb.finger_separation_m, most_m)
+        knots = range(swing.first + 1, swing.last + 1)
+        ends_m = series.separation_m[[max(swing.first - 1, 0), swing.last + 1], swing.limb]
+        widths_m = np.linspace(ends_m[0], ends_m[1], len(knots)) if len(knots) > 1 else [ends_m.max()]
+        for k, width_m in zip(knots, widths_m, strict=True):
+            limb = plan.knots[k].limbs[swing.limb]
+            limb.finger_separation_m = min(limb.finger_separation_m, width_m + 2 * robot.pace.opening_clearance_m)
 
 
 def _lengthen(step_s: Array, report: CheckReport) -> bool:

@@ -30,22 +30,20 @@ class GraspRetry {
     return (tries_[limb_] % 2 == 0 ? -kShift_m : kShift_m) * Vector3::UnitZ().cross(reference.finger_axis_W());
   }
 
-  /// Keeps the fingers of limb() open, as they were on their way to the hold.
+  /// Keeps the fingers of limb() open, as they are on their way to the hold.
   void apply(PlanReference& reference) noexcept {
     for (int l = 0; l < kLimbs; ++l) {
       LimbReference& limb = reference.limbs[l];
       if (limb.phase == LimbPhase::kSwing) tries_[l] = 0;
-      if (limb.phase == LimbPhase::kDescend) open_m_[l] = limb.finger_opening_m;
       if (l != limb_) continue;
       limb.phase = LimbPhase::kDescend;
-      limb.finger_opening_m = open_m_[l];
+      limb.finger_opening_m = limb.open_m;
     }
   }
 
  private:
   int limb_ = -1;
   PerLimb<int> tries_{};
-  PerLimb<double> open_m_{};
 };
 
 }  // namespace crux

@@ -91,6 +91,14 @@ void Grips::judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController
   }
 }
 
+void Grips::hold_open(PlanReference& reference) noexcept {
+  retry_.apply(reference);
+  for (int l = 0; l < kLimbs; ++l) {
+    LimbReference& limb = reference.limbs[l];
+    if (searches_[l].begun() && limb.phase == LimbPhase::kDescend) limb.finger_opening_m = limb.open_m;
+  }
+}
+
 void Grips::search_hold(const CycleView& now, PlanClock& clock, LimbController& limb, int l, LimbEvents& events,
                         double dt_s) noexcept {
   const LimbReference& reference = now.reference.limbs[l];
@@ -109,7 +117,7 @@ void Grips::search_hold(const CycleView& now, PlanClock& clock, LimbController& 
     const bool finger = wrench_W.force_N.z() > control.contact_force_N && std::abs(at_m) > kFinger * open_m;
     const int k = clock.now().interval;
     const LimbKnot& grasp = now.plan->limbs[clock.now().back ? std::max(k - 1, 0) : k + 1][l];
-    const double slack_m = open_m - grasp.finger_opening_m;
+    const double slack_m = reference.open_m - grasp.finger_opening_m;
     const Vector3 shift_W_m = std::copysign(slack_m, at_m) * axis_W;
     aims_anew = finger && search.begin(missed_W_m.z(), shift_W_m, control.max_contact_offset_m);
     const bool hand = wrench_W.force_N.z() > control.contact_force_N && !finger && events.opened;

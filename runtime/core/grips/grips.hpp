@@ -34,8 +34,8 @@ class Grips {
   /// `climbs`: the plan's clock runs, and may wait.
   void watch(const CycleView& now, bool climbs, double dt_s) noexcept;
 
-  /// Keeps the fingers open of a limb that is to grip beside its first place.
-  void hold_open(PlanReference& reference) noexcept { retry_.apply(reference); }
+  /// Keeps the fingers open of a limb that is to grip beside its first place, or comes down beside it.
+  void hold_open(PlanReference& reference) noexcept;
 
   /// Once a cycle: pulls the grasp under test, and sends a limb whose grasp failed, or that finds no hold, beside its
   /// place. `climbs`: otherwise no limb is sent anywhere.

@@ -47,6 +47,7 @@ class HoldSearch {
   void stand() noexcept { stands_ = true; }
   bool stands() const { return stands_; }
 
+  bool begun() const { return tries_ > 0; }
   bool searches() const { return step_ != Step::kNone; }  ///< and has not come down yet
   /// From where the limb was sent to where it is to be, in W.
   const Vector3& beside_W_m() const { return beside_W_m_; }

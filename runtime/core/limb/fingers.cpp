@@ -31,7 +31,12 @@ void Fingers::restore(double opening_m) noexcept {
 }
 
 bool Fingers::gripped(const LimbReference& reference, double dt_s) noexcept {
-  if (!reference.gripping() && !reference.closing()) opened_m_ = opening_m_;
+  // As far as they were open before they began to close, on the way down or there.
+  if (reference.phase == LimbPhase::kDescend) {
+    opened_m_ = std::max(opened_m_, opening_m_);
+  } else if (!reference.gripping() && !reference.closing()) {
+    opened_m_ = opening_m_;
+  }
   const bool about_nothing = reference.closing() && (closed() || opening_m_ > opened_m_ - kLeastClosed_m);
   const bool grips = force_N() >= contact_force_N_ && !about_nothing;
   gripped_time_s_ = grips ? gripped_time_s_ + dt_s : 0.0;
@@ -44,7 +49,9 @@ void Fingers::grasp(const LimbReference& reference, double wanted_N, double dt_s
   if (!reference.point_foot && (reference.gripping() || reference.closing())) {
     grasp_.press(wanted_N, force_N(), opening_m_, dt_s);
   } else {
-    grasp_.open_to(wanted_opening_m(reference), dt_s);
+    // What they meet as they narrow on the way down is not where the gripper is to stand yet.
+    const bool meets = reference.phase == LimbPhase::kDescend && grasp_.touches(force_N());
+    grasp_.open_to(meets ? reference.open_m : wanted_opening_m(reference), dt_s);
   }
 }
 

@@ -34,7 +34,7 @@ class Fingers {
   /// Once a cycle: they have pressed on a hold for long enough.
   bool gripped(const LimbReference& reference, double dt_s) noexcept;
   bool opened(const LimbReference& reference) const noexcept {
-    return opening_m_ >= wanted_opening_m(reference) - supervisor_.open_tolerance_m;
+    return opening_m_ >= wanted_opening_m(reference) - std::max(reference.may_lack_m, supervisor_.open_tolerance_m);
   }
 
   /// Presses with `wanted_N` on a hold, opens in the air.

@@ -9,8 +9,6 @@
 namespace crux {
 namespace {
 
-// Fingers that press less than this share of the contact force are still on their way.
-constexpr double kTouchShare = 0.3;
 constexpr double kSensorsApart_N = 5.0;    // finger force and opening of one gripper
 constexpr double kMostUtilisation = 10.0;  // of a pad that all but hangs in the air
 
@@ -82,7 +80,7 @@ void GraspController::open_to(double opening_m, double dt_s) noexcept {
 void GraspController::press(double wanted_force_N, double measured_force_N, double opening_m, double dt_s) noexcept {
   double speed_m_s = -(hurries_ ? gripper_.max_finger_speed_m_s : control_.closing_speed_m_s);
   double most_m = gripper_.opening_m.high;
-  if (measured_force_N >= kTouchShare * control_.contact_force_N) {
+  if (touches(measured_force_N)) {
     // From the force of first touch upwards, so that the grip does not jump.
     force_reference_N_ =
         std::max(force_reference_N_, measured_force_N < wanted_force_N ? control_.contact_force_N : 0.0);

@@ -50,6 +50,8 @@ class GraspController {
 
   /// On a hold: closes until the fingers touch, then makes them press with `force_N`: opening speed = force error / D.
   void press(double wanted_force_N, double measured_force_N, double opening_m, double dt_s) noexcept;
+  /// Fingers that press less are still on their way.
+  bool touches(double force_N) const noexcept { return force_N >= kTouchShare * control_.contact_force_N; }
   /// It closes as fast as it can from now on, or no longer.
   void hurry(bool hurries) noexcept { hurries_ = hurries; }
 
@@ -61,6 +63,8 @@ class GraspController {
   double force_reference_N() const { return force_reference_N_; }
 
  private:
+  static constexpr double kTouchShare = 0.3;  // of the contact force
+
   GripperDescription gripper_;
   ControlParameters control_;
   ActuatorPace pace_;

@@ -87,8 +87,8 @@ void PlanClock::advance(const PreparedPlan& plan, const PerLimb<LimbEvents>& eve
   const auto leaves = [&](int l) { return back ? plan.takes_hold(k + 1, l) : plan.lets_go(k, l); };
   const auto comes = [&](int l) { return back ? plan.lets_go(k, l) : plan.takes_hold(k + 1, l); };
   const auto leaves_next = [&](int l) { return back ? plan.takes_hold(k, l) : plan.lets_go(k + 1, l); };
-  const double leave_s = (back ? kCloseShare : kLiftShare) * length_s;
-  const double arrive_s = (back ? kLiftShare : kCloseShare) * length_s;
+  const double leave_s = (back ? plan.swing.close : plan.swing.lift) * length_s;
+  const double arrive_s = (back ? plan.swing.lift : plan.swing.close) * length_s;
   const double edge_s = back ? 0.0 : length_s;
   const double sign = back ? -1.0 : 1.0;
   pace_ = std::min(pace_ + dt_s / kStart_s, 1.0);

@@ -54,9 +54,9 @@ bool all_finite(const double* values, int n) {
 }
 
 std::string identity_defect(const RobotDescription& robot, const plan_t& plan) {
-  if (plan.format < plan_t::FORMAT || plan.format > plan_t::FORMAT_OWN_TIMES) {
+  if (plan.format < plan_t::FORMAT || plan.format > plan_t::FORMAT_MOVING_FINGERS) {
     return Sentence() << "plan format is " << plan.format << "; this runtime reads formats " << plan_t::FORMAT << " to "
-                      << plan_t::FORMAT_OWN_TIMES;
+                      << plan_t::FORMAT_MOVING_FINGERS;
   }
   if (plan.robot_name != robot.name) {
     return Sentence() << "the plan is for robot '" << plan.robot_name << "', this is '" << robot.name << "'";
@@ -96,7 +96,7 @@ std::string size_defect(const plan_t& plan) {
 
 std::string knot_defect(const plan_t& plan, std::size_t k) {
   const plan_knot_t& knot = plan.knots[k];
-  if (plan.format == plan_t::FORMAT_OWN_TIMES) {
+  if (plan.format >= plan_t::FORMAT_OWN_TIMES) {
     const double before_s = k > 0 ? plan.knots[k - 1].time_s : 0.0, step_s = knot.time_s - before_s;
     if (!(k > 0 ? step_s >= kMinStep_s && step_s <= kMaxStep_s : knot.time_s == 0.0)) {
       return Sentence() << "knot " << k << ": time_s is " << knot.time_s
@@ -262,7 +262,9 @@ std::string plan_message_defect(const RobotDescription& robot, const plan_t& pla
   if (std::string defect = identity_defect(robot, plan); !defect.empty()) return defect;
   if (std::string defect = size_defect(plan); !defect.empty()) return defect;
   const bool walk = is_walk(plan);
-  if (walk && plan.format == plan_t::FORMAT_OWN_TIMES) return "plan format is 3; the knots of a walk stand every dt_s";
+  if (walk && plan.format >= plan_t::FORMAT_OWN_TIMES) {
+    return Sentence() << "plan format is " << plan.format << "; the knots of a walk stand every dt_s";
+  }
   for (std::size_t k = 0; k < plan.knots.size(); ++k) {
     if (std::string defect = knot_defect(plan, k); !defect.empty()) return defect;
     for (int l = 0; l < kLimbs; ++l) {

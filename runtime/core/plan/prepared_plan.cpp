@@ -40,7 +40,7 @@ void fill_slopes(const std::vector<double>& step_s, int dimensions, Value value,
 
 /// Knots stand evenly, but in a plan in which each has its own time.
 void fill_times(const crux_msgs::plan_t& plan, PreparedPlan& prepared) {
-  const bool own = plan.format == crux_msgs::plan_t::FORMAT_OWN_TIMES;
+  const bool own = plan.format >= crux_msgs::plan_t::FORMAT_OWN_TIMES;
   for (std::size_t k = 0; k < plan.knots.size(); ++k) {
     prepared.time_s.push_back(own ? plan.knots[k].time_s : static_cast<double>(k) * plan.dt_s);
     if (k > 0) prepared.step_s.push_back(own ? prepared.time_s[k] - prepared.time_s[k - 1] : plan.dt_s);
@@ -107,6 +107,7 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
   prepared->max_normal_N = plan.max_normal_n;
   const std::size_t n = plan.knots.size();
   fill_times(plan, *prepared);
+  if (plan.format == crux_msgs::plan_t::FORMAT_MOVING_FINGERS) prepared->swing = kMovingFingers;
   prepared->body.resize(n);
   prepared->body_slope.resize(n);
   prepared->limbs.resize(n);

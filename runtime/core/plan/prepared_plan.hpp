@@ -24,8 +24,18 @@ struct LimbKnot {
 
 using FootPose = Eigen::Vector4d;  ///< x, y, z, yaw
 
+/// Instants of PLAN.md in a swing's first and last interval, as shares of it.
+struct SwingShares {
+  double lift = 0.5;          ///< the gripper lifts
+  double arrive = 0.55;       ///< it stands at the hold
+  double close = 0.6;         ///< fingers close until they press
+  bool fingers_move = false;  ///< over the whole interval; else they have opened at `lift`, and close from `close` on
+};
+inline constexpr SwingShares kMovingFingers = {.lift = 0.4, .arrive = 0.6, .close = 0.6, .fingers_move = true};
+
 struct PreparedPlan {
   std::string plan_id;
+  SwingShares swing;
   bool point_feet = false;  ///< a walk: limbs in stance stand on the wall itself
   Vector3 gravity_W_m_s2 = Vector3::Zero();
   double patch_k_m = 0.0;

@@ -45,31 +45,38 @@ void play_stance(const PreparedPlan& plan, int k, double u, int l, bool back, Li
   }
 }
 
-/// The end of a swing at which the fingers open or close on `grasp`; `air`: the knot beside it.
-void play_swing_end(const LimbKnot& grasp, const LimbKnot& air, LimbPhase phase, LimbReference& out) {
+/// The end of a swing at which the fingers open or close on `grasp`; `air`: the knot beside it. By plan they are as far
+/// open as `open` says, 0 on the hold and 1 at `air`, and by `clear` as the gripper begins to leave.
+void play_swing_end(const LimbKnot& grasp, const LimbKnot& air, LimbPhase phase, double open, double clear,
+                    LimbReference& out) {
+  const double opens_m = air.finger_opening_m - grasp.finger_opening_m;
   out.phase = phase;
+  out.open_m = air.finger_opening_m;
   out.finger_opening_m = out.closing() ? grasp.finger_opening_m : air.finger_opening_m;
-  if (phase == LimbPhase::kOpen || phase == LimbPhase::kLift) {
-    out.opens_m = air.finger_opening_m - grasp.finger_opening_m;
-  }
+  if (phase == LimbPhase::kDescend) out.finger_opening_m -= (1.0 - open) * opens_m;
+  if (phase == LimbPhase::kOpen || phase == LimbPhase::kLift) out.opens_m = opens_m;
+  if (phase == LimbPhase::kOpen) out.may_lack_m = (1.0 - clear) * opens_m;
   if (phase == LimbPhase::kDescend || out.closing()) out.friction = grasp.friction;
 }
 
 void play_air(const PreparedPlan& plan, int k, double u, int l, bool back, LimbReference& out) {
   const LimbKnot& here = plan.limbs[k][l];
   const LimbKnot& next = plan.limbs[k + 1][l];
+  const SwingShares& swing = plan.swing;
   out.load = 0.0;
   // At the very instants the gripper still rests and the fingers are open, so that the clock may stand there.
   if (plan.lets_go(k, l)) {
-    const LimbPhase forward = u <= kLiftShare ? LimbPhase::kOpen : LimbPhase::kLift;
-    const LimbPhase reverse = u < kLiftShare ? LimbPhase::kClose : LimbPhase::kDescend;
-    play_swing_end(plan.limbs[std::max(k - 1, 0)][l], next, back ? reverse : forward, out);
-    place_gripper(out, here, next, smoothstep((u - kLiftShare) / (1.0 - kLiftShare)));
+    const LimbPhase forward = u <= swing.lift ? LimbPhase::kOpen : LimbPhase::kLift;
+    const LimbPhase reverse = u < swing.lift ? LimbPhase::kClose : LimbPhase::kDescend;
+    play_swing_end(plan.limbs[std::max(k - 1, 0)][l], next, back ? reverse : forward, swing.fingers_move ? u : 1.0,
+                   swing.fingers_move ? swing.lift : 1.0, out);
+    place_gripper(out, here, next, smoothstep((u - swing.lift) / (1.0 - swing.lift)));
   } else if (plan.takes_hold(k + 1, l)) {
-    const LimbPhase forward = u <= kCloseShare ? LimbPhase::kDescend : LimbPhase::kClose;
-    const LimbPhase reverse = u < kCloseShare ? LimbPhase::kLift : LimbPhase::kOpen;
-    play_swing_end(next, here, back ? reverse : forward, out);
-    place_gripper(out, here, next, smoothstep(u / kArriveShare));
+    const LimbPhase forward = u <= swing.close ? LimbPhase::kDescend : LimbPhase::kClose;
+    const LimbPhase reverse = u < swing.close ? LimbPhase::kLift : LimbPhase::kOpen;
+    play_swing_end(next, here, back ? reverse : forward, swing.fingers_move ? 1.0 - u : 1.0,
+                   swing.fingers_move ? 1.0 - swing.close : 1.0, out);
+    place_gripper(out, here, next, smoothstep(u / swing.arrive));
   } else {
     out.phase = LimbPhase::kSwing;
     place_gripper(out, here, next, u);

@@ -20,9 +20,6 @@ enum class LimbPhase : int {
 };
 
 // Instants of PLAN.md as shares of an interval.
-inline constexpr double kLiftShare = 0.5;                        ///< fingers have opened, the gripper lifts
-inline constexpr double kArriveShare = 0.55;                     ///< the gripper stands at the hold
-inline constexpr double kCloseShare = 0.6;                       ///< fingers close
 inline constexpr double kLoadBegin = 0.02, kLoadSpan = 0.4;      ///< blend from the last interval's wrench
 inline constexpr double kUnloadBegin = 0.5, kUnloadSpan = 0.45;  ///< blend towards the next one's
 
@@ -43,7 +40,9 @@ struct LimbReference {
   Vector3 gripper_position_W_m = Vector3::Zero();
   double gripper_yaw_W_rad = 0.0;
   double finger_opening_m = 0.0;
+  double open_m = 0.0;      ///< the same, at either end of a swing, where the fingers are open for the way
   double opens_m = 0.0;     ///< while it leaves a hold: how much further open than on it
+  double may_lack_m = 0.0;  ///< of that, as it lifts
   Wrench wrench_W;          ///< on the robot about the gripper centre
   double squeeze_N = 0.0;   ///< of each finger, as planned
   double friction = 0.0;    ///< of the hold gripped or about to be gripped

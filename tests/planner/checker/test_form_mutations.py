@@ -132,7 +132,7 @@ def test_hashes() -> None:
 
 def test_wrong_format_and_sizes() -> None:
     plan = synthetic.make_plan()
-    plan.format = 4
+    plan.format = 5
     assert "plan_format" in [v.constraint for v in check_plan(plan, ROBOT).violations]
     plan = synthetic.make_plan()
     plan.n_knots += 1

@@ -72,7 +72,7 @@ def test_time_takes_a_fifth_of_it_and_passes_the_check() -> None:
     report = check_plan(plan, ROBOT)
     assert report.ok, report
     assert report.cost == plan.cost == TIME.cost
-    assert plan.format == plan_t.FORMAT_OWN_TIMES
+    assert plan.format == plan_t.FORMAT_MOVING_FINGERS
     assert plan.knots[-1].time_s < 0.2 * synthetic.DT_S * (synthetic.N_KNOTS - 1)
 
 
@@ -91,8 +91,8 @@ def test_no_interval_could_be_shorter() -> None:
         least = [body_m / bounds.body_speed_m_s, bounds.min_step_s]
         least += {
             FIRST - 1: [bounds.load_time_s / 0.45],
-            FIRST: [smooth_s / 0.5, opens_m / ROBOT.gripper.max_finger_speed_m_s / 0.5],
-            LAST: [smooth_s / 0.55],
+            FIRST: [smooth_s / 0.6, opens_m / ROBOT.gripper.max_finger_speed_m_s],
+            LAST: [smooth_s / 0.6, -opens_m / ROBOT.gripper.max_finger_speed_m_s],
             LAST + 1: [bounds.load_time_s / 0.4],
         }.get(k, [way_m / bounds.swing_speed_m_s])
         assert step_s == pytest.approx(max(least), rel=2e-3), k
@@ -123,9 +123,28 @@ def test_intervals_that_the_check_refuses_take_longer(monkeypatch: pytest.Monkey
     least_times_s = pace.least_times_s
     monkeypatch.setattr(pace, "least_times_s", lambda *given: 0.6 * least_times_s(*given))
     result = at_pace("time")
-    assert result.plan.format == plan_t.FORMAT_OWN_TIMES
+    assert result.plan.format == plan_t.FORMAT_MOVING_FINGERS
     assert check_plan(result.plan, ROBOT).ok
     assert (steps_s(result.plan)[FIRST - 1 : LAST + 2] >= steps_s(TIME.plan)[FIRST - 1 : LAST + 2] - 1e-9).all()
+
+
+@pytest.mark.parametrize(("knot", "interval"), [(FIRST + 1, FIRST), (LAST, LAST)])
+def test_fingers_too_near_the_hold_as_the_gripper_lifts_or_comes_down_are_found(knot: int, interval: int) -> None:
+    def change(plan: plan_t) -> None:
+        plan.knots[knot].limbs[RF].finger_separation_m = 2 * (synthetic.HALF_M + 0.006)
+
+    found = only(broken(change), "clearance_finger")
+    start_s, end_s = (TIME.plan.knots[k].time_s for k in (interval, interval + 1))
+    assert all(each.limb == "RF" for each in found)
+    assert all(start_s < (each.time_s or 0.0) < end_s for each in found)
+    assert max(each.amount for each in found) == pytest.approx(0.003 - 0.4 * 0.006, abs=2e-4)
+
+
+def test_fingers_with_little_room_stand_still_as_the_gripper_lifts_and_comes_down() -> None:
+    narrow = dataclasses.replace(ROBOT, pace=dataclasses.replace(ROBOT.pace, opening_clearance_m=0.005))
+    result = at_pace("time", narrow)
+    assert result.plan.format == plan_t.FORMAT_OWN_TIMES
+    assert check_plan(result.plan, narrow).ok
 
 
 def test_a_plan_that_passes_at_no_pace_stays_as_it_was() -> None:
@@ -137,7 +156,8 @@ def test_a_plan_that_passes_at_no_pace_stays_as_it_was() -> None:
     ("interval", "share", "constraint", "limb"),
     [
         (FIRST - 1, 0.9, "load_time", "RF"),
-        (FIRST, 0.9, "finger_speed", "RF"),
+        (FIRST, 0.8, "finger_speed", "RF"),
+        (LAST, 0.8, "finger_speed", "RF"),
         (FIRST, 0.5, "lift_acceleration", "RF"),
         (FIRST, 0.3, "lift_speed", "RF"),
         (FIRST + 1, 0.3, "swing_speed", "RF"),

@@ -29,11 +29,11 @@ def test_a_climb_is_planned_and_planned_again_in_the_least_time(
     result, timed = json.loads(capsys.readouterr().out), read_plan(output)
     asked, scenario = load_scenario(ONE_STEP), parse_scenario(timed.scenario_yaml)
     assert replace(scenario.planner, objective="paper") == asked.planner
-    assert timed.format == plan_t.FORMAT_OWN_TIMES
+    assert timed.format == plan_t.FORMAT_MOVING_FINGERS
     assert timed.knots[-1].time_s < 0.4 * asked.horizon.dt_s * result["steps"]
     assert result["gap"] is None
     again = Planner(scenario, robot).replan(timed, 0.01)
-    assert again.plan.format == plan_t.FORMAT_OWN_TIMES
+    assert again.plan.format == plan_t.FORMAT_MOVING_FINGERS
     assert check_plan(again.plan, robot).ok
     assert again.plan.knots[-1].time_s < timed.knots[-1].time_s + 1.0
 

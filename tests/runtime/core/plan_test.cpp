@@ -58,6 +58,8 @@ TEST(ReferencePlayer, EqualsTheGoldenVectors) { expect_golden("interpolation.jso
 
 TEST(ReferencePlayer, EqualsTheGoldenVectorsOfKnotsAtTimesOfTheirOwn) { expect_golden("own_times.json", false); }
 
+TEST(ReferencePlayer, EqualsTheGoldenVectorsOfFingersThatMove) { expect_golden("moving_fingers.json", false); }
+
 TEST(ReferencePlayer, EqualsTheGoldenVectorsOfPointFeet) { expect_golden("walking.json", true); }
 
 TEST(ReferencePlayer, PhasesFollowOneAnotherThroughASwing) {
@@ -107,6 +109,24 @@ TEST(ReferencePlayer, PhasesChangeAtTheInstantsOfThePlansDefinition) {
   EXPECT_EQ(phase(5, 0.61), LimbPhase::kClose);
   EXPECT_EQ(phase(6, 0.41), LimbPhase::kLoad);
   EXPECT_EQ(phase(6, 0.43), LimbPhase::kStance);
+}
+
+TEST(ReferencePlayer, FingersThatMoveDoSoAsTheGripperLiftsAndComesDown) {
+  plan_t message = sample_plan();
+  message.format = plan_t::FORMAT_MOVING_FINGERS;
+  const std::unique_ptr<PreparedPlan> plan = tabulate(message);
+  const auto at = [&](int k, double u, bool back) { return play(*plan, {k, u * plan->step_s[k], back}).limbs[0]; };
+  const double held_m = plan->limbs[2][0].finger_opening_m, open_m = plan->limbs[4][0].finger_opening_m;
+  EXPECT_EQ(at(3, 0.39, false).phase, LimbPhase::kOpen);
+  EXPECT_EQ(at(3, 0.41, false).phase, LimbPhase::kLift);
+  EXPECT_EQ(at(3, 0.1, false).finger_opening_m, open_m);  // opened at once, and far enough for the lift
+  EXPECT_NEAR(at(3, 0.1, false).opens_m - at(3, 0.1, false).may_lack_m, 0.4 * (open_m - held_m), 1e-12);
+  EXPECT_EQ(at(3, 0.41, true).phase, LimbPhase::kDescend);
+  EXPECT_NEAR(at(3, 0.41, true).finger_opening_m, held_m + 0.41 * (open_m - held_m), 1e-12);
+  EXPECT_EQ(at(3, 0.39, true).finger_opening_m, held_m);
+  EXPECT_EQ(at(5, 0.59, false).phase, LimbPhase::kDescend);
+  EXPECT_EQ(at(5, 0.61, false).phase, LimbPhase::kClose);
+  EXPECT_EQ(at(5, 0.61, false).open_m, plan->limbs[5][0].finger_opening_m);
 }
 
 TEST(Pchip, SlopesEqualSciPys) {

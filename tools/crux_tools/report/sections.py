@@ -118,7 +118,7 @@ def plan_sections(plan: Any) -> list[Section]:
     forces, moments = figures.planned_wrenches(series)
     other_robot = difference({"robot": plan.robot_name, "robot_sha256": plan.robot_sha256}, {})
     swings, walks = series.swings(), is_walk(plan)
-    every = f", every {series.dt_s:g} s" if plan.format != plan.FORMAT_OWN_TIMES else ""
+    every = f", every {series.dt_s:g} s" if plan.format < plan.FORMAT_OWN_TIMES else ""
     advance = series.body_position_m[-1] - series.body_position_m[0]
     table = [
         ("scenario", plan.scenario_name),
