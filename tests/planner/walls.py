@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.scenario import Scenario, parse_scenario
@@ -94,3 +95,22 @@ def scenario(content: dict[str, Any]) -> Scenario:
 def text(content: dict[str, Any]) -> str:
     """The wall as YAML."""
     return str(yaml.dump(content, Dumper=_Plain, sort_keys=False))
+
+
+def scattered(seed: int, *, rise_m: float = 0.8, count: int = 44) -> dict[str, Any]:
+    """Holds anywhere on a strip, 0.12 m apart, turned anyhow, and four to start on; the body climbs straight."""
+    random = np.random.default_rng(seed)
+    places = [np.array(place) for place in FEET.values()]
+    while len(places) < count:
+        place = random.uniform([-0.3, -0.6], [rise_m + 0.5, 0.6])
+        if min(float(np.linalg.norm(place - other)) for other in places) > 0.12:
+            places.append(place)
+    wall = two_rows(steps=40 * round(10 * rise_m), all_limbs=False)
+    wall["holds"] = [
+        hold(f"h{i}", *np.round(place, 3).tolist(), yaw_deg=0.0 if i < 4 else float(random.integers(-90, 90)))
+        for i, place in enumerate(places)
+    ]
+    for i, limb in enumerate(LIMB_NAMES):
+        wall["start"]["grasps"][limb]["hold"] = f"h{i}"
+    wall["goal"] = {"body": {"position_m": [rise_m, 0.0, 0.185]}}
+    return wall

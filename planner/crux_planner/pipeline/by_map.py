@@ -37,7 +37,7 @@ from crux_planner.trajectory.link_planes import OFF_M
 from crux_planner.trajectory.solution import Start, start_from_path
 
 COARSE = (0.02, 0.07, 0.22, 0.21)  # grid of the search: steps [m, rad], and how far it goes around start and goal
-NEAR, FINE = (0.01, 0.035, 0.16, 0.105), (0.01, 0.035, 0.22, 0.21)  # of the body's path, at first and after that
+FINE = (0.01, 0.035, 0.22, 0.21)  # of the body's path
 SEARCH_RAD, PATH_RAD = 0.04, 0.03  # margins to joint limits
 LOOKS, WAYS = 3000, 8  # at moves for one way of stances, and ways
 QUICK, NEAR_KNOTS = (100, 2), 80  # the same, and knots to a goal that is not far
@@ -99,7 +99,7 @@ def _searches(climb: Climb) -> Iterator[MapSearch]:
 def _planned(climb: Climb, search: MapSearch, without: set[Step], quick: bool) -> PlanResult | None:
     """By one way of stances after the other; moves that give no plan are added to those it goes `without`."""
     problem, session = search.problem, climb.session
-    knot_m, (step_m, *others) = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s, NEAR if quick else FINE
+    knot_m, (step_m, *others) = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s, FINE
     grid = grid_about(problem, knot_m / np.ceil(knot_m / step_m), *others)  # so that the body may be as fast as it may
     fine = PoseMasks(problem, session.robot, grid, PATH_RAD, OFF_M)
     planner = _ByMap(climb, problem, fine)

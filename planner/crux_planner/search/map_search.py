@@ -28,7 +28,7 @@ from crux_planner.swing.swing_cache import SwingCache
 GREED = 2.0  # knots to go count so much against those made
 _FAR_M = 1.2  # between contacts of one limb, beyond which no pose has both in reach
 _LOST = 1000.0  # knots to go from a contact that no hops lead on from: such stances come last
-AMPLE, STRAIN_KNOTS = 200, 3.0  # poses on a stance that are room enough, and what half as many cost
+AMPLE, STRAIN_KNOTS = 200, 3.0  # poses on a stance that are enough, and what half as many cost
 _SAME = 1e-6
 _NEAR_M = 0.4  # of grippers that may be in each other's way
 LEAST_SAMPLES = 6  # intervals of a swing that are looked at
@@ -47,7 +47,7 @@ class Swing:
     end: int
     lift: Flags  # where the body may be when it lifts off
     free: Flags  # and meanwhile, as far as the other limbs are concerned
-    room: int  # number of these poses from which it also has its end in reach
+    spare: int  # number of these poses from which it also has its end in reach
 
     @property
     def after(self) -> Stance:
@@ -205,9 +205,9 @@ class MapSearch:
             holds = {self.problem.contacts[c].hold for c in held if c is not None}
             for end in self._usable[limb]:
                 fits = self._hop[stance[limb], end] and self.problem.contacts[end].hold not in holds
-                room = int(np.count_nonzero(free & self.masks.held(limb, self.masks.at(end)))) if fits else 0
-                if room and end != stance[limb]:
-                    found.append(Swing(node, limb, end, lift, free, room))
+                spare = int(np.count_nonzero(free & self.masks.held(limb, self.masks.at(end)))) if fits else 0
+                if spare and end != stance[limb]:
+                    found.append(Swing(node, limb, end, lift, free, spare))
         return found
 
     def _landed(self, swing: Swing) -> list[int]:
@@ -239,8 +239,8 @@ class MapSearch:
 
 
 def _strain(swing: Swing) -> float:
-    """Knots that a move counts for besides: more where it leaves the body little room."""
-    return STRAIN_KNOTS * max(0.0, float(np.log2(AMPLE / swing.room)))
+    """Knots that a move counts for besides: more where it leaves the body few poses."""
+    return STRAIN_KNOTS * max(0.0, float(np.log2(AMPLE / swing.spare)))
 
 
 def _trace(parent: dict[Node, tuple[Node, int]], node: Node) -> list[Step]:

@@ -24,6 +24,7 @@ from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.joint_rows import JointLimits
 from crux_simulation.benchmarks.random_fields import random_field
 from shared_plans import unproven
+from walls import scattered, scenario
 
 
 def test_what_the_check_finds_is_answered_at_its_knots_and_joint() -> None:
@@ -75,6 +76,13 @@ def test_a_field_is_climbed_with_grips_beyond_the_convex_reach(robot: Robot, see
             place = turn.T @ (np.array(each.gripper_position_w_m) - knot.body_position_w_m)
             beyond.append(float(inner.beyond(limb, place).max()))
     assert max(beyond) > 0.01
+
+
+@pytest.mark.parametrize("seed", [3, *(pytest.param(seed, marks=pytest.mark.sweep) for seed in (1, 2, 4, 5, 6))])
+def test_holds_anywhere_are_climbed_for_far(robot: Robot, seed: int) -> None:
+    result = unproven(scenario(scattered(seed)), robot, time_limit_s=60.0)
+    assert result.check.ok
+    assert result.plan.knots[-1].body_position_w_m[0] > 0.78
 
 
 def test_a_move_too_heavy_for_the_motors_is_left_out_with_all_that_turns_grippers_alone(robot: Robot) -> None:
