@@ -162,16 +162,16 @@ class _ByMap:
         return blamed
 
     def _evenly(self, moves: list[Move]) -> Iterator[Timed]:
-        """Swings at their quickest; the stances share so many knots to spare, and at last all that there are."""
+        """Swings at their quickest; the stances share some knots to spare, more each time, or all that there are."""
         swings = self.climb.oracles.swings
         quickest = np.array([swings.intervals(m.before[i], m.after[i]) for m in moves for i in m.limbs], dtype=int)
         away_m = np.abs(self.problem.goal.body.position_m - self.problem.start.position_m).max()
         travel = int(np.ceil(away_m / (SPEED_SHARE * self.problem.body.max_speed_m_s * self.problem.dt_s)))
         least, most = max(int(quickest.sum()) + len(moves), travel) + 2, self.problem.steps
         keeps = self.climb.session.scenario.planner.idle == "keep"
-        wanted = [most] if keeps else [least + (len(moves) + 1) * spare for spare in SPARE_KNOTS]
-        for steps in wanted:
-            if least <= steps <= most:
+        wanted = {most} if keeps else {min(most, least + (len(moves) + 1) * spare) for spare in SPARE_KNOTS}
+        for steps in sorted(wanted):
+            if least <= steps:
                 stances = np.ones(len(moves) + 1, dtype=int)
                 stances[-1] = 2
                 for _ in range(steps - int(quickest.sum() + stances.sum())):

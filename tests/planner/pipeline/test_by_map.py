@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +14,9 @@ from crux_planner.checker import CheckReport, Violation
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES
-from crux_planner.model.schedule import stance_after
+from crux_planner.model.schedule import Move, stance_after
 from crux_planner.pipeline.by_joints import _answered
-from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD, _turned
+from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD, _ByMap, _turned
 from crux_planner.reach.arm import reaches_of
 from crux_planner.search.ends import level_aims
 from crux_planner.search.map_search import MapSearch
@@ -24,7 +25,7 @@ from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.joint_rows import JointLimits
 from crux_simulation.benchmarks.random_fields import random_field
 from shared_plans import unproven
-from walls import scattered, scenario
+from walls import scattered, scenario, two_rows
 
 
 def test_what_the_check_finds_is_answered_at_its_knots_and_joint() -> None:
@@ -83,6 +84,25 @@ def test_holds_anywhere_are_climbed_for_far(robot: Robot, seed: int) -> None:
     result = unproven(scenario(scattered(seed)), robot, time_limit_s=60.0)
     assert result.check.ok
     assert result.plan.knots[-1].body_position_w_m[0] > 0.78
+
+
+def test_moves_are_tried_in_a_horizon_that_hardly_takes_them(robot: Robot) -> None:
+    parsed = scenario(two_rows())
+    given = build_problem(parsed, robot)
+    start, end = given.start_contacts, next(c for c in given.limb_contacts[0] if given.contacts[c].hold == 4)
+    moves = [Move(start, stance_after(start, (0,), (end,)), (0,), *[given.start.position_m] * 2)]
+    swings = SwingCache(given)
+    away = SimpleNamespace(position_m=given.start.position_m)
+
+    def tried(steps: int) -> list[int]:
+        problem = SimpleNamespace(start=given.start, goal=SimpleNamespace(body=away), body=given.body, dt_s=given.dt_s)
+        problem.steps = steps
+        climb = SimpleNamespace(oracles=SimpleNamespace(swings=swings), session=SimpleNamespace(scenario=parsed))
+        return [each.knots for each in _ByMap._evenly(SimpleNamespace(problem=problem, climb=climb), moves)]  # type: ignore[arg-type]
+
+    least = swings.intervals(start[0], end) + 3
+    assert [tried(steps) for steps in (least - 1, least, least + 1)] == [[], [least], [least + 1]]
+    assert tried(least + 20) == [least + 2, least + 4, least + 8]
 
 
 def test_a_move_too_heavy_for_the_motors_is_left_out_with_all_that_turns_grippers_alone(robot: Robot) -> None:
