@@ -1,18 +1,23 @@
 """The exact P1 of a schedule with the joint limits themselves for (9a), and its check.
 
-What the check refuses is learnt: joints that come too near to their limits between two knots get more margin, and limbs
-that come too near to each other more clearance; if that does not help, the body keeps near its first path.
+What the check refuses is learnt: the moment between two knots at which joints or links come too near to their limits or
+to each other is one at which they keep off, with more margin where they did not; if that does not help, the body keeps
+near its first path.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.interpolation import PlanReference
 
 from crux_planner.checker import CheckReport, Violation, check_plan
 from crux_planner.model.arrays import Array
+from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.pipeline.message import PlanResult, plan_message
@@ -20,28 +25,43 @@ from crux_planner.pipeline.refusals import eased, refused_by, slowed
 from crux_planner.pipeline.session import Session
 from crux_planner.search.pose_path import Ended
 from crux_planner.trajectory.exact import TOO_WEAK, solve_within_torques
-from crux_planner.trajectory.joint_rows import ELBOW, JointFunctions, JointLimits
+from crux_planner.trajectory.joint_limits import JOINTS, JointLimits, Moment
+from crux_planner.trajectory.joint_rows import ELBOW, JointFunctions
 from crux_planner.trajectory.solution import Start
+from crux_planner.trajectory.stage_functions import POSE
+
+Clear = Callable[[Array, Array], Array | None]
+"""For a body pose (6,) and hands (4, 4), the nearest pose at which links keep off each other."""
 
 PLAN_RAD = 0.02  # margin to joint limits
 ROUNDS = 6  # of the exact P1 and its check
 UNLIMITED = JointLimits.about(np.zeros((0, BODY_STATES)), PLAN_RAD)  # of functions that have no schedule yet
-_MORE_RAD = 0.01  # beyond what the check misses
-_MORE_M, _MOST_MORE_M = 0.0015, 0.003  # of links: beyond what the check misses; where that is more, planes are wrong
+_BETWEEN_RAD = 0.01  # margin at a moment at which a plan was refused: between those looked at, joints are no farther
+_MORE_RAD, _MORE_M = 0.01, 0.0015  # beyond what the check misses at a moment looked at
 _MOST_APART_M = 0.012  # from where the path is kept to
+_SAME_SHARE = 0.15  # of an interval, within which moments are one
 _ANSWERED = ("joint_position", "inverse_kinematics", "clearance_limbs")
-_STRETCHED_RAD = 0.05  # off a straight elbow where the check finds a gripper beyond reach
+_STRETCHED_RAD = 0.02  # off a straight elbow where the check finds a gripper beyond reach
 _NEAR_M = 0.02  # of the map's path, where links come too near to each other; a quarter of it the second time
 
 
 def solve_by_joints(
-    session: Session, problem: Problem, schedule: Schedule, first: Start, functions: JointFunctions
+    session: Session,
+    problem: Problem,
+    schedule: Schedule,
+    first: Start,
+    functions: JointFunctions,
+    clear: Clear = lambda pose, _hands: pose,
 ) -> PlanResult | Ended | None:
     """A checked plan for a schedule; what the check refuses is answered, `ROUNDS` times at most. Or the knot at which
-    motors are too weak for the contacts or the check still refuses it, None where the program has no solution.
+    motors are too weak for the contacts or the check still refuses it, None where the program has no solution. `clear`
+    has the nearest pose to one at which links keep off each other.
     """
     work, start, refused = session.work, first, None
-    limits = JointLimits.about(first.body, PLAN_RAD)
+    begun = JointLimits.about(first.body, PLAN_RAD)
+    if first.clear is not None:
+        begun = functions.nearer(begun, schedule, first.clear, first.body)
+    limits = begun
     for _ in range(ROUNDS):
         with work.part("nlp", 0.5):
             functions = functions.within(limits)
@@ -58,9 +78,10 @@ def solve_by_joints(
             return PlanResult.of(message, report, solution, schedule.gait, work)
         refused = _worst(report, problem.dt_s)
         work.log(f"{refused_by(report)}; once more with less of those joints or of their reach")
-        answer, others = _answered(limits, report, problem.dt_s)
+        seen = partial(_moment, PlanReference(message), problem, solution.body)
+        answer, others = _answered(limits, report, seen, clear)
         if any(each.constraint == "clearance_limbs" for each in report.violations):
-            answer = functions.nearer(answer, schedule, first.body, solution.body)
+            answer = functions.nearer(answer, schedule, begun.path, solution.body)
         again = (answer.near_m != limits.near_m).any()
         easier = _easier(problem, replace(report, violations=others), schedule, solution.body) if others else None
         if others and easier is None:
@@ -80,26 +101,60 @@ def _worst(report: CheckReport, dt_s: float) -> Ended | None:
     return Ended(int(time_s / dt_s), by_places=joint is not None and joint <= ELBOW)
 
 
-def _answered(limits: JointLimits, report: CheckReport, dt_s: float) -> tuple[JointLimits, list[Violation]]:
-    """Limits under which joints and links may pass, and the violations that limits do not answer."""
-    others, margin_rad, apart_m, near_m = [], limits.margin_rad.copy(), limits.apart_m.copy(), limits.near_m.copy()
+def _moment(plan: PlanReference, problem: Problem, body: Array, time_s: float) -> tuple[Moment, Array]:
+    """What a plan has at a time, with body states (N + 1, 12) at its knots; and the body's pose (6,)."""
+    interval, share = plan.at(time_s)
+    to_w, heading = rotation_z(problem.heading_rad), np.array([0.0, 0.0, problem.heading_rad])
+    place, rpy = plan.body(time_s)
+    straight = body[interval, :POSE] + share * (body[interval + 1, :POSE] - body[interval, :POSE])
+    limbs = [plan.limb(limb, interval, share) for limb in range(len(LIMB_NAMES))]
+    hands = np.array([[*(at.position_w_m @ to_w), at.yaw_w_rad - problem.heading_rad] for at in limbs])
+    pose = np.concatenate([place @ to_w, rpy - heading])
+    return Moment(interval, share, hands, np.full((len(limbs), JOINTS), _BETWEEN_RAD), off=pose - straight), pose
+
+
+def _answered(
+    limits: JointLimits, report: CheckReport, seen: Callable[[float], tuple[Moment, Array]], clear: Clear
+) -> tuple[JointLimits, list[Violation]]:
+    """Limits under which joints and links may pass, and the violations that limits do not answer; `seen` is what there
+    is at a time, and the body's pose.
+    """
+    others, moments, near_m = list[Violation](), list(limits.moments), limits.near_m.copy()
     for each in report.violations:
         if each.time_s is None or each.constraint not in _ANSWERED:
             others.append(each)
             continue
-        k = int(each.time_s / dt_s)
+        here, pose = seen(each.time_s)
         if each.constraint == "clearance_limbs":
-            about, at = slice(max(0, k - 2), k + 4), slice(k, k + 2)
-            if (limits.apart_m[at] < _MOST_APART_M).all():
-                apart_m[at] = np.maximum(apart_m[at], limits.apart_m[at] + min(each.amount, _MOST_MORE_M) + _MORE_M)
-                continue
-            if (limits.near_m[about] < _NEAR_M).all():
+            here = replace(here, clear=clear(pose, here.hands))
+            if here.clear is None:
                 others.append(each)
-            near_m[about] = np.minimum(near_m[about], np.where(np.isfinite(limits.near_m[about]), _NEAR_M / 4, _NEAR_M))
+                continue
+        number = next((i for i, known in enumerate(moments) if known.near(here, _SAME_SHARE)), len(moments))
+        known = moments[number] if number < len(limits.moments) else None
+        if known is None or known.off is None:  # or found a moment ago
+            moments[number : number + 1] = [here]
             continue
-        joint, lacking_rad = (each.joint, each.amount) if each.joint is not None else (ELBOW, _STRETCHED_RAD)
-        margin_rad[k : k + 2, LIMB_NAMES.index(each.limb or ""), joint] += lacking_rad + _MORE_RAD
-    return replace(limits, margin_rad=margin_rad, apart_m=apart_m, near_m=near_m), others
+        if each.constraint == "clearance_limbs" and known.apart_m >= _MOST_APART_M:
+            about = slice(max(0, here.interval - 2), here.interval + 4)
+            if (near_m[about] < _NEAR_M).all():
+                others.append(each)
+            near_m[about] = np.minimum(near_m[about], np.where(np.isfinite(near_m[about]), _NEAR_M / 4, _NEAR_M))
+        moments[number] = _farther(known, here, each)
+    return replace(limits, moments=tuple(moments), near_m=near_m), others
+
+
+def _farther(known: Moment, here: Moment, violation: Violation) -> Moment:
+    """A moment that was looked at, as it is now, with more margin for what is violated."""
+    margin_rad, apart_m = known.margin_rad.copy(), known.apart_m
+    if violation.constraint == "clearance_limbs":
+        apart_m += violation.amount + _MORE_M
+    else:
+        joint, lacking_rad = violation.joint, violation.amount
+        if joint is None:
+            joint, lacking_rad = ELBOW, _STRETCHED_RAD
+        margin_rad[LIMB_NAMES.index(violation.limb or ""), joint] += lacking_rad + _MORE_RAD
+    return replace(here, margin_rad=margin_rad, apart_m=apart_m)
 
 
 def _easier(problem: Problem, report: CheckReport, schedule: Schedule, body: Array) -> Problem | None:

@@ -30,6 +30,7 @@ _DIRECTIONS = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)  # in which the fa
 _FAR_M, _BEYOND_M = 2.0, 0.3  # off the grippers' middle, and the grid
 _LOOKS, _NEAREST = 16, 6  # at poses of a set for one that motors hold; of these the nearest to the grippers' middle
 _HULL_STEP_M = 0.01
+_NEARBY = (0.15, np.inf, np.inf, 0.05, 0.06, 0.06)  # yaw, roll, pitch [rad], z, x, y [m]
 _TURN_M = 0.3  # of way that a radian of heading counts as
 
 Gripper = tuple[float, float, float, float]
@@ -103,6 +104,21 @@ class PoseMasks:
             ok |= self.grid.apart(unknown, where, self.reaches, self.clear_m, moving, hands=False)
             known |= unknown
         return np.asarray(mask & ok)
+
+    def clear_near(self, pose: Array, hands: Array) -> Array | None:
+        """The nearest level pose (6,) to one from which limbs have hands (4, 4) in reach and are off each other; None
+        where there is none within `_NEARBY`.
+        """
+        grippers, grid = [gripper(hand) for hand in hands], self.grid
+        at, mask = pose[[5, 3, 4, 2, 0, 1]], np.zeros(grid.shape, dtype=bool)
+        mask[np.ix_(*(np.abs(axis - p) <= near for axis, p, near in zip(grid.axes, at, _NEARBY, strict=True)))] = True
+        mask = self.apart(body_grid.stance([mask, *map(self.held, range(4), grippers)]), grippers)
+        cells = np.argwhere(mask)
+        if not len(cells):
+            return None
+        off = np.array([axis[i] for axis, i in zip(grid.axes, cells.T, strict=True)]).T - at
+        place, rpy = grid.pose(cells[int(np.argmin((off * [_TURN_M, 0, 0, 1, 1, 1]) ** 2 @ np.ones(6)))])
+        return np.concatenate([place, rpy])
 
     def apart_at_goal(self, one: tuple[int, list[int]], two: tuple[int, list[int]]) -> Flags:
         """(n, m) for a limb and n contacts and another limb and m: whether they are on different holds, and their

@@ -15,7 +15,7 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Contacts, Schedule, Stance, stance_after
 from crux_planner.search.body_path import SPEED_SHARE
-from crux_planner.search.pose_masks import Footing, PoseMasks, gripper, grown
+from crux_planner.search.pose_masks import Footing, Gripper, PoseMasks, gripper, grown
 from crux_planner.search.schedule import TURN_SHARE
 
 Cell = tuple[int, ...]
@@ -25,64 +25,93 @@ _ROUNDS = 40  # of looking for a path and at its links
 _EDGE_CELLS, _EDGE_COST = 3, 0.004  # poses so near the edge of a mask cost so much for each cell
 
 
-def knot_masks(masks: PoseMasks, footing: Footing, schedule: Schedule) -> list[Flags]:
-    """Poses of knots 0..N from which all limbs are in reach and the body balances."""
-    found: dict[tuple[object, ...], Flags] = {}
-    series = []
-    for poses, contacts in zip(schedule.poses, schedule.contacts, strict=True):
-        grippers, held = [gripper(pose) for pose in poses], tuple(contacts)
-        key = (*grippers, held)
-        if key not in found:
-            mask = np.logical_and.reduce([masks.held(limb, there) for limb, there in enumerate(grippers)])
-            if None in held:
-                stands = footing.stands(held, poses[:, :3].mean(axis=0))
-                mask = mask & stands if stands is not None else np.zeros_like(mask)
-            found[key] = mask
-        series.append(found[key])
-    return series
+@dataclass(frozen=True)
+class Moments:
+    """The knots of a schedule, and what lies halfway between two, after the first two, where a limb is in the air: when
+    it is, in knots, and the grippers and contacts then.
+    """
+
+    times: list[float]
+    grippers: list[list[Gripper]]
+    contacts: list[Contacts]
+
+    @classmethod
+    def of(cls, schedule: Schedule) -> Moments:
+        """All of a schedule's."""
+        found = cls([], [], [])
+        for k, knot in enumerate(schedule.contacts):
+            found._add(float(k), schedule.poses[k], tuple(knot))
+            if None in knot and 0 < k < len(schedule.contacts) - 1:
+                found._add(k + 0.5, (schedule.poses[k] + schedule.poses[k + 1]) / 2, tuple(knot))
+        return found
+
+    def _add(self, time: float, poses: Array, contacts: Contacts) -> None:
+        self.times.append(time)
+        self.grippers.append([gripper(pose) for pose in poses])
+        self.contacts.append(contacts)
+
+    def masks(self, masks: PoseMasks, footing: Footing) -> list[Flags]:
+        """Poses at each from which all limbs are in reach and the body balances."""
+        found: dict[tuple[object, ...], Flags] = {}
+        series = []
+        for grippers, held in zip(self.grippers, self.contacts, strict=True):
+            key = (*grippers, held)
+            if key not in found:
+                mask = np.logical_and.reduce([masks.held(limb, there) for limb, there in enumerate(grippers)])
+                if None in held:
+                    stands = footing.stands(held, np.mean([there[:3] for there in grippers], axis=0))
+                    mask = mask & stands if stands is not None else np.zeros_like(mask)
+                found[key] = mask
+            series.append(found[key])
+        return series
 
 
 @dataclass(frozen=True)
 class Ended:
     """The knot at which there is no way on, and whether the grippers' places alone are to blame for it: turned
-    otherwise, limbs would be as weak, or as far beyond the limits of their first three joints.
+    otherwise, limbs would be as weak, or as far beyond the limits of their first three joints; `weak`: motors leave
+    poses there, too few to go on.
     """
 
     knot: int
     by_places: bool
+    weak: bool = False
 
 
 def clear_path(problem: Problem, masks: PoseMasks, footing: Footing, schedule: Schedule) -> Array | Ended:
     """As `pose_path`, (N + 1, 4) x, y, z and yaw, limbs off each other and motors strong enough: looked at where the
     path comes by, until it is clear.
     """
-    knots = knot_masks(masks, footing, schedule)
-    grippers = [[gripper(pose) for pose in knot] for knot in schedule.poses]
-    at = list(zip([tuple(knot) for knot in schedule.contacts], _nearest_stances(schedule), strict=True))
+    moments = Moments.of(schedule)
+    series, grippers = moments.masks(masks, footing), moments.grippers
+    stances = _nearest_stances(schedule)
+    at = [(held, stances[int(time)]) for held, time in zip(moments.contacts, moments.times, strict=True)]
     carried = {each: footing.carried(each[0], footing.oracle.mean_place(each[1])) for each in set(at)}
     strong: dict[tuple[Contacts, Stance], Flags] = {}
     for _ in range(_ROUNDS):
-        cells, last = pose_path(problem, masks, knots, [carried[each] for each in at])
+        cells, last = pose_path(problem, masks, series, [carried[each] for each in at], moments.times)
         if cells is None:
-            return Ended(last, at[last] in strong and not knots[last].any())
+            weak = not strong.keys().isdisjoint(at[last : last + 2])
+            return Ended(int(moments.times[last]), at[last] in strong and not series[last].any(), weak)
         met = False
-        for k, cell in enumerate(cells, start=2):
-            here = np.zeros_like(knots[k])
+        for i, cell in enumerate(cells, start=2):
+            here = np.zeros_like(series[i])
             here[cell] = True
-            if not masks.apart(here, grippers[k]).any():
-                knots[k] = masks.apart(knots[k], grippers[k])
-            elif not footing.strong_at(*at[k], cell):
-                if at[k] not in strong:
-                    strong[at[k]] = footing.strong(*at[k], knots[k], cell[0])
-                knots[k] = knots[k] & strong[at[k]] & ~grown(here)
+            if not masks.apart(here, grippers[i]).any():
+                series[i] = masks.apart(series[i], grippers[i])
+            elif not footing.strong_at(*at[i], cell):
+                if at[i] not in strong:
+                    strong[at[i]] = footing.strong(*at[i], series[i], cell[0])
+                series[i] = series[i] & strong[at[i]] & ~grown(here)
             else:
                 continue
             met = True
         if not met:
-            poses = [(*masks.grid.pose(cell)[0], masks.grid.pose(cell)[1][2]) for cell in cells]
+            at_knots = [cell for cell, time in zip(cells, moments.times[2:], strict=True) if time.is_integer()]
+            poses = [(*masks.grid.pose(cell)[0], masks.grid.pose(cell)[1][2]) for cell in at_knots]
             begin = (*problem.start.position_m, 0.0)
             return np.array([begin, begin, *poses])
-    return Ended(last, by_places=False)
+    return Ended(int(moments.times[last]), by_places=False)
 
 
 def _nearest_stances(schedule: Schedule) -> list[Stance]:
@@ -95,24 +124,39 @@ def _nearest_stances(schedule: Schedule) -> list[Stance]:
 
 
 def pose_path(
-    problem: Problem, masks: PoseMasks, knots: list[Flags], carried: Sequence[Array | float] | None = None
+    problem: Problem,
+    masks: PoseMasks,
+    series: list[Flags],
+    carried: Sequence[Array | float] | None = None,
+    times: Sequence[float] | None = None,
 ) -> tuple[list[Cell] | None, int]:
-    """The cells of knots 2..N on the cheapest way by J, the body at the start until knot 1; or None and the knot at
-    which there is no way on. `carried` is what wrenches add to J at each knot, broadcast to the grid's shape.
+    """The cells at the moments from the third on, on the cheapest way by J through a mask at each, the body at the
+    start until the second; or None and the number of that at which there is no way on. `times` of the moments are in
+    knots, the knots themselves where there are none; `carried` is what wrenches add to J at each knot, broadcast to the
+    grid's shape.
     """
-    grid, weights, last = masks.grid, problem.weights, len(knots) - 1
+    grid, weights, last = masks.grid, problem.weights, len(series) - 1
+    lengths = np.diff(range(len(series)) if times is None else times)  # in knots
+    at_knot = np.append(0, np.cumsum(lengths)) % 1 == 0
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
-    most = (TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s, 0.0, 0.0, step, step, step)
+    fastest = np.array([TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s, 0.0, 0.0, step, step, step])
+    cells = np.array([axis[1] - axis[0] if len(axis) > 1 else 1.0 for axis in grid.axes])
+    first = cells * np.ceil(
+        (fastest + _SAME) // cells / 2
+    )  # half the way in whole cells, rounded up; and what is left of it
+    within = np.where(lengths[:, None] == 1, fastest, np.where(at_knot[:-1, None], first, fastest - first))
     price = weights.velocity / problem.dt_s**2
     place, goal = np.ix_(*grid.axes), problem.goal.body
     off = [(place[i + 3] - goal.position_m[j]) ** 2 for i, j in ((0, 2), (1, 0), (2, 1))]
     here = weights.orientation * (place[0] - goal.rpy_rad[2]) ** 2 + weights.position * (off[0] + off[1] + off[2])
-    values = [np.where(masks.goal & knots[last], 0.0, np.inf)]
+    values = [np.where(masks.goal & series[last], 0.0, np.inf)]
     for k in range(last - 1, 1, -1):
         best = values[-1]
         for axis, nodes in enumerate(grid.axes):
-            best = _best_neighbour(best, axis, nodes, most[axis], price)
-        value, outside = np.where(knots[k], best + here + (0.0 if carried is None else carried[k]), np.inf), ~knots[k]
+            best = _best_neighbour(best, axis, nodes, within[k, axis], price / lengths[k])
+        if at_knot[k]:
+            best = best + here + (0.0 if carried is None else carried[k])
+        value, outside = np.where(series[k], best, np.inf), ~series[k]
         for _ in range(_EDGE_CELLS):
             outside = grown(outside)
             value[outside] += _EDGE_COST
@@ -120,11 +164,11 @@ def pose_path(
         if not np.isfinite(value).any():
             return None, k
     at, path = (0.0, 0.0, 0.0, *problem.start.position_m[[2, 0, 1]]), list[Cell]()
-    for value in reversed(values):
+    for length, most, value in zip(lengths[1:], within[1:], reversed(values), strict=True):
         near = [np.flatnonzero(np.abs(axis - p) <= m + _SAME) for axis, p, m in zip(grid.axes, at, most, strict=True)]
         if not all(len(each) for each in near):
             return None, 1
-        ways = np.ix_(*[price * (axis[i] - p) ** 2 for axis, i, p in zip(grid.axes, near, at, strict=True)])
+        ways = np.ix_(*[price / length * (axis[i] - p) ** 2 for axis, i, p in zip(grid.axes, near, at, strict=True)])
         local = value[np.ix_(*near)] + sum(ways)
         if not np.isfinite(local).any():
             return None, 1

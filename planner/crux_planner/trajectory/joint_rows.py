@@ -27,30 +27,14 @@ from crux_planner.reach.chain_reach import LINK_OF
 from crux_planner.reach.protocol import Reach
 from crux_planner.reach.solids import HAND
 from crux_planner.solvers.mapped import Mapped
+from crux_planner.trajectory.joint_limits import JOINTS, JointLimits
 from crux_planner.trajectory.link_planes import OFF_M, Ends, Planes, farthest_clear, planes_about, unpacked
-from crux_planner.trajectory.stage_functions import POSE, StageFunctions
+from crux_planner.trajectory.stage_functions import POSE, Between, StageFunctions
 
-JOINTS, ELBOW = 6, 2  # of a limb, and the number of the one that is straight in a stretched limb
+ELBOW = 2  # number of the joint that is straight in a stretched limb
 _SOFT = 1e-4  # sin^2 of joint 3 below which the elbow is rounded off, so that it is smooth beyond a stretched limb
 _PATH_YAW_RAD_M = 3.0  # heading that counts as a metre where the body keeps near its first path
 _MOVES = [0, 1, 5]  # states of the body that follow the path: x, y, yaw
-
-
-@dataclass(frozen=True)
-class JointLimits:
-    """How far joints keep off their limits, and what the body keeps to so that links keep off each other."""
-
-    path: Array  # (N + 1, 12) body states on whose side of the trunk links stay
-    margin_rad: Array  # (N + 1, 4, 6)
-    apart_m: Array  # (N + 1,) that links keep off the trunk and off those of other limbs
-    near_m: Array  # (N + 1,) how far the body may be from the path; infinite where it need not be near
-
-    @classmethod
-    def about(cls, path: Array, margin_rad: float) -> JointLimits:
-        """One margin for all joints, the body nowhere bound to the path."""
-        count = len(path)
-        margins = np.full((count, 4, JOINTS), margin_rad), np.full(count, OFF_M), np.full(count, np.inf)
-        return cls(path, *margins)
 
 
 @dataclass(frozen=True)
@@ -67,6 +51,7 @@ class JointFunctions(StageFunctions):
         """The same functions with other limits."""
         other = copy(self)
         other.__dict__.update(limits=limits, _known={})
+        other.__dict__.pop("_between", None)
         return other
 
     @cached_property
@@ -117,24 +102,44 @@ class JointFunctions(StageFunctions):
         """At knots 1..N, about the body's first path."""
         known = self._known.get(id(schedule))
         if known is None or known[0] is not schedule:
-            hands, limits = schedule.poses[1:, :, :4], self.limits
-            known = schedule, planes_about(self.ends, limits.path[1:, :POSE], hands, limits.apart_m[1:])
-            self._known[id(schedule)] = known
+            path = self.limits.path[1:, :POSE]
+            given = path, schedule.poses[1:, :, :4], np.full(len(path), OFF_M)
+            known = self._known[id(schedule)] = schedule, planes_about(self.ends, *given)
         return known[1]
 
+    def between(self) -> Between:
+        """At the limits' moments."""
+        return self._between
+
+    @cached_property
+    def _between(self) -> Between:
+        moments = self.limits.moments
+        if not moments:
+            return super().between()
+        path, share, off = self.limits.at_moments()
+        hands, margin_rad = (np.array([getattr(m, name) for m in moments]) for name in ("hands", "margin_rad"))
+        planes = planes_about(self.ends, path, hands, np.array([m.apart_m for m in moments]))
+        at = np.array([m.interval for m in moments])
+        return Between(at, share, off, _given(hands, planes), *self._bounds(margin_rad, planes))
+
+    def _bounds(self, margin_rad: Array, planes: Planes) -> tuple[Array, Array]:
+        """(n, m) of the rows, with margins (n, 4, 6)."""
+        ranges = [_limits(reach.limb, margin_rad[:, limb]) for limb, reach in enumerate(self.reaches)]
+        low = np.concatenate([*(each[0] for each in ranges), planes.least], axis=1)
+        return low, np.concatenate([*(each[1] for each in ranges), np.full(planes.least.shape, np.inf)], axis=1)
+
     def nearer(self, limits: JointLimits, schedule: Schedule, first: Array, body: Array) -> JointLimits:
-        """Limits with planes about poses on the way from those of a first path (N + 1, 12) to those of a body, as near
-        to these as links keep far enough off each other.
+        """Limits with planes about poses on the way from those of a first path (N + 1, 6 or more) to those of a body,
+        as near to these as links keep far enough off each other.
         """
-        path = first.copy()
-        given = first[:, :POSE], body[:, :POSE], schedule.poses[:, :, :4], limits.apart_m
+        path = body.copy()
+        given = first[:, :POSE], body[:, :POSE], schedule.poses[:, :, :4], np.full(len(path), OFF_M)
         path[:, :POSE] = farthest_clear(self.reaches, *given)
         return replace(limits, path=path)
 
     def grippers(self, schedule: Schedule) -> Array:
         """(N, 16 + 5 R) of knots 1..N."""
-        hands = schedule.poses[1:, :, :4]
-        return np.concatenate([hands.reshape(len(hands), -1), self.planes(schedule).packed], axis=1)
+        return _given(schedule.poses[1:, :, :4], self.planes(schedule))
 
     def body_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
         """As usual, and near the path at knots at which limbs would be in each other's way elsewhere."""
@@ -150,10 +155,8 @@ class JointFunctions(StageFunctions):
 
     def reach_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
         """(N, m). Until the first lift-off, limbs count as reaching as far as they do at the start."""
-        n, least = problem.steps, self.planes(schedule).least
-        ranges = [_limits(reach.limb, self.limits.margin_rad[1:, limb]) for limb, reach in enumerate(self.reaches)]
-        low = np.concatenate([*(each[0] for each in ranges), least], axis=1)
-        high = np.concatenate([*(each[1] for each in ranges), np.full(least.shape, np.inf)], axis=1)
+        n = problem.steps
+        low, high = self._bounds(np.full((n, len(self.reaches), JOINTS), self.limits.margin_rad), self.planes(schedule))
         moved = (schedule.poses[:, :, :3] != schedule.poses[0, :, :3]).any(axis=(1, 2))
         lift_off = int(np.argmax(moved)) - 1 if moved.any() else n
         begun = slice(max(lift_off - 1, 1))
@@ -162,6 +165,11 @@ class JointFunctions(StageFunctions):
         begin = self.reach_at(np.tile(state, (len(grippers), 1)), grippers, np.zeros((len(grippers), low.shape[1])))[0]
         low[begun], high[begun] = np.minimum(low[begun], begin), np.maximum(high[begun], begin)
         return low, high
+
+
+def _given(hands: Array, planes: Planes) -> Array:
+    """(n, 16 + 5 R) of hands (n, 4, 4)."""
+    return np.concatenate([hands.reshape(len(hands), -1), planes.packed], axis=1)
 
 
 def _posture(limb: Limb, r: Any, theta: Any, hand: Any) -> tuple[Any, list[tuple[Any, Any, Any, Any]]]:

@@ -54,12 +54,15 @@ class WalkSolution(WalkMotion):
 
 @dataclass(frozen=True)
 class Start:
-    """Where the solver starts: body, wrenches and columns as in `Solution`; `near`: of a problem much like this one."""
+    """Where the solver starts: body, wrenches and columns as in `Solution`; `near`: of a problem much like this one;
+    `clear`: body poses (N + 1, 6) nearby at which links keep off each other, where they need not in `body`.
+    """
 
     body: Array
     wrenches: list[dict[int, Array]]
     near: bool = False
     columns: Array | None = None
+    clear: Array | None = None
 
 
 def start_from_path(problem: Problem, path: BodyPath, yaw_rad: Array | None = None) -> Start:

@@ -41,6 +41,20 @@ _WALLS = 8  # slopes and intervals whose functions of torques are kept: they tak
 
 
 @dataclass(frozen=True)
+class Between:
+    """Rows of reach at shares (B,) of intervals (B,), the body (B, 6) off the straight way there: grippers (B, n) as
+    `reach_at` takes them, and bounds (B, m).
+    """
+
+    intervals: Indices
+    share: Array
+    off: Array
+    grippers: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True)
 class StageFunctions:
     """Equations of one problem, each vectorised over a leading axis."""
 
@@ -65,6 +79,11 @@ class StageFunctions:
     def reach_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
         """Lower and upper bounds (N, m) of the rows of `reach` at knots 1..N."""
         return reach_bounds(problem, schedule)
+
+    def between(self) -> Between:
+        """Rows of `reach_at` between the knots: none here, where knots alone are asked for."""
+        none = np.zeros((0, 0))
+        return Between(np.zeros(0, dtype=int), np.zeros(0), np.zeros((0, POSE)), none, none, none)
 
     def started_elsewhere(self, problem: Problem) -> Self:
         """The functions of a problem that differs in its start alone: of all equations only (8b)'s inertia does."""

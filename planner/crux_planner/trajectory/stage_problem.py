@@ -1,13 +1,13 @@
 """The exact P1 of one schedule as a chain of stages: bounds, rows and derivatives as arrays over all knots.
 
-Rows, low <= g <= high: the body's bounds (7), reach (9a), bounds of the columns, limit surface (2)+(3), and joint
-torques where they are asked for; one vector in this order.
+Rows, low <= g <= high: the body's bounds (7), reach (9a), bounds of the columns, limit surface (2)+(3), joint torques
+and reach between knots where they are asked for; one vector in this order.
 """
 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,6 +44,7 @@ class Derivatives:
     reach: Array  # (N, m, 6), knots 1..N
     surface: Array  # (N, 4, m, 8)
     torques: Array  # (P, 12, 17) at `limited`
+    between: Array  # (B, m, 12) of the states at the intervals' begin
 
 
 class StageProblem:
@@ -71,6 +72,7 @@ class StageProblem:
         self.hands = schedule.poses[:-1, :, :4].reshape(n, 16)
         places = np.array(sorted(limited), dtype=int).reshape(-1, 2).T
         self.limited: tuple[Indices, Indices] = (places[0], places[1])  # knots and limbs
+        self.between = functions.between()
         self._set_bounds(schedule, contacts)
 
     def _set_bounds(self, schedule: Schedule, contacts: list[list[Contact | None]]) -> None:
@@ -88,8 +90,8 @@ class StageProblem:
         column_low, column_high = np.where(self.fixed, -np.inf, column_low), np.where(self.fixed, np.inf, column_high)
         surface_low = np.where(self.rough, problem.surface_reserve_N / FORCE_SCALE_N, -np.inf)
         torque = np.tile(problem.torque_limits_Nm[self.limited[1]], 2)
-        lows = [body_low, reach_low, column_low, surface_low, -torque]
-        highs = [body_high, reach_high, column_high, np.full(surface_low.shape, np.inf), torque]
+        lows = [body_low, reach_low, column_low, surface_low, -torque, self.between.low]
+        highs = [body_high, reach_high, column_high, np.full(surface_low.shape, np.inf), torque, self.between.high]
         self._set_rows(
             [low - _RELAXED * np.maximum(1.0, np.abs(low)) for low in lows],
             [high + _RELAXED * np.maximum(1.0, np.abs(high)) for high in highs],
@@ -99,8 +101,9 @@ class StageProblem:
         self.low, self.high = (np.concatenate([part.ravel() for part in parts]) for parts in (lows, highs))
         self.bounded: Flags = np.isfinite(np.stack([self.low, self.high]))
         self._ends = np.cumsum([part.size for part in lows])[:-1]
-        each = [np.repeat(np.arange(self.knots), part.size // self.knots) for part in lows[:-1]]
-        self._row_knots = np.concatenate([*each, np.repeat(self.limited[0], INTERVAL_TORQUES)])
+        each = [np.repeat(np.arange(self.knots), part.size // self.knots) for part in lows[:-2]]
+        between = np.repeat(self.between.intervals, self.between.low.shape[1])
+        self._row_knots = np.concatenate([*each, np.repeat(self.limited[0], INTERVAL_TORQUES), between])
 
     def window(self, first: int, last: int, body: Array) -> StageProblem:
         """The same from one knot to another, at both of which the body is as in `body` (N + 1, 12)."""
@@ -108,11 +111,16 @@ class StageProblem:
         part.knots, part.first = last - first, body[first]
         for name in _BY_KNOT:
             setattr(part, name, getattr(self, name)[first:last])
-        knots, limbs = self.limited
-        inside = (knots >= first) & (knots < last)
+        (knots, limbs), intervals = self.limited, self.between.intervals
+        inside, within = ((each >= first) & (each < last) for each in (knots, intervals))
         part.limited = knots[inside] - first, limbs[inside]
+        part.between = replace(
+            self.between,
+            intervals=intervals[within] - first,
+            **{name: getattr(self.between, name)[within] for name in ("share", "off", "grippers", "low", "high")},
+        )
         lows, highs = (
-            [*(rows[first:last].copy() for rows in parts[:-1]), parts[-1][inside]]
+            [*(rows[first:last].copy() for rows in parts[:-2]), parts[-2][inside], parts[-1][within]]
             for parts in (self.split(self.low), self.split(self.high))
         )
         if last < self.knots:
@@ -155,15 +163,16 @@ class StageProblem:
         return low, high
 
     def split(self, rows: Array) -> list[Array]:
-        """A vector of rows as body (N, 12), reach (N, m), column (N, 4, 8), surface (N, 4, m) and torques
-        (P, 12)."""
+        """A vector of rows as body (N, 12), reach (N, m), column (N, 4, 8), surface (N, 4, m), torques (P, 12) and
+        reach between knots (B, m)."""
         n, parts = self.knots, np.split(rows, self._ends)
         shapes = [
             (n, BODY_STATES),
             (n, self._reach_rows),
             (n, 4, COLUMN),
             (n, 4, self.functions.surface_rows),
-            (-1, INTERVAL_TORQUES),
+            (len(self.limited[0]), INTERVAL_TORQUES),
+            self.between.low.shape,
         ]
         return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
@@ -197,7 +206,7 @@ class StageProblem:
         rows of torques and reach bend either way and lead astray: only the convex part of reach is taken there.
         """
         f, n = self.functions, self.knots
-        _, on_reach, _, on_surface, on_torques = self.split(duals)
+        _, on_reach, _, on_surface, on_torques, on_between = self.split(duals)
         q = columns[..., :WRENCH_INPUTS]
         totals = np.einsum("klij,klj->ki", self.maps, q)
         step, state_map, by_total, step_hessian, step_cross = f.step(body[:-1], totals, self.hands, multipliers)
@@ -226,7 +235,8 @@ class StageProblem:
                 poses = body[limited, :POSE], step[limited, :POSE]
                 bent = f.torque_hessian(limbs, poses, state_map[limited, :POSE], *held, -on_torques)
                 self._add_both(bent, body_hessian, column_hessian, cross)
-        rows = [body[1:], reach, columns, surface, torques]
+        between, between_slope = self._between(body, step, state_map, on_between, body_hessian, near=near)
+        rows = [body[1:], reach, columns, surface, torques, between]
         return Derivatives(
             cost=float(body_cost.sum() + column_cost.sum()) + self._spines_cost(columns),
             body_slope=body_slope,
@@ -241,7 +251,24 @@ class StageProblem:
             reach=reach_slope,
             surface=surface_slope.reshape(n, 4, -1, COLUMN) * self.rough[..., None],
             torques=torque_slopes,
+            between=between_slope,
         )
+
+    def _between(
+        self, body: Array, step: Array, state_map: Array, duals: Array, body_hessian: Array, *, near: bool
+    ) -> tuple[Array, Array]:
+        """Reach (B, m) on the way to the next poses and its slopes (B, m, 12); what bends is added to the Hessian."""
+        at, share = self.between.intervals, self.between.share[:, None]
+        if not len(at):
+            return self.between.low, np.zeros((0, 0, BODY_STATES))
+        pose = body[at, :POSE] + share * (step[at, :POSE] - body[at, :POSE]) + self.between.off
+        first = np.eye(POSE, BODY_STATES)
+        by_state = first + share[..., None] * (state_map[at, :POSE] - first)
+        state = np.concatenate([pose, np.zeros((len(at), BODY_STATES - POSE))], axis=1)
+        rows, slope, hessian = self.functions.reach_at(state, self.between.grippers, duals)
+        bent = -hessian if near else _convex(-hessian)
+        np.add.at(body_hessian, at, by_state.swapaxes(-1, -2) @ bent @ by_state)
+        return rows, slope @ by_state
 
     def cost(self, body: Array, columns: Array) -> float:
         """What is minimised."""
@@ -268,11 +295,13 @@ class StageProblem:
 
     def condensed(self, at: Derivatives, stiffness: Array) -> tuple[Array, Array, Array]:
         """Hessians of body and columns and the cross terms, with the rows' barrier in them."""
-        on_body, on_reach, on_column, on_surface, on_torques = self.split(stiffness)
+        on_body, on_reach, on_column, on_surface, on_torques, on_between = self.split(stiffness)
         body, columns, cross = at.body_hessian.copy(), at.column_hessian.copy(), at.cross.copy()
         index = np.arange(BODY_STATES)
         body[1:, index, index] += on_body
         body[1:, :POSE, :POSE] += at.reach.swapaxes(-1, -2) @ (on_reach[..., None] * at.reach)
+        between = at.between.swapaxes(-1, -2) @ (on_between[..., None] * at.between)
+        np.add.at(body, self.between.intervals, between)
         index = np.arange(COLUMN)
         columns[..., index, index] += on_column + self.fixed * PINNED
         columns += at.surface.swapaxes(-1, -2) @ (on_surface[..., None] * at.surface)
@@ -301,15 +330,17 @@ class StageProblem:
             columns,
             np.einsum("klij,klj->kli", at.surface, columns),
             np.einsum("pij,pj->pi", at.torques, both),
+            np.einsum("bij,bj->bi", at.between, body[self.between.intervals]),
         ]
         return np.concatenate([part.ravel() for part in parts])
 
     def _pulled(self, at: Derivatives, forces: Array) -> tuple[Array, Array]:
         """Transposed rows times forces: on the body (N + 1, 12) and on columns (N, 4, 8)."""
-        on_body, on_reach, on_column, on_surface, on_torques = self.split(forces)
+        on_body, on_reach, on_column, on_surface, on_torques, on_between = self.split(forces)
         body = np.zeros((self.knots + 1, BODY_STATES))
         body[1:] = on_body
         body[1:, :POSE] += np.einsum("kij,ki->kj", at.reach, on_reach)
+        np.add.at(body, self.between.intervals, np.einsum("bij,bi->bj", at.between, on_between))
         columns = on_column + np.einsum("klij,kli->klj", at.surface, on_surface)
         both = np.einsum("pij,pi->pj", at.torques, on_torques)
         np.add.at(body, self.limited[0], both[:, :BODY_STATES])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import parse_scenario
 from crux_planner.checker import CheckReport, Violation
+from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES
@@ -22,13 +22,15 @@ from crux_planner.search.ends import level_aims
 from crux_planner.search.map_search import MapSearch
 from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about
 from crux_planner.swing.swing_cache import SwingCache
-from crux_planner.trajectory.joint_rows import JointLimits
+from crux_planner.trajectory.joint_limits import JOINTS, JointLimits, Moment
+from crux_planner.trajectory.link_planes import OFF_M
 from crux_simulation.benchmarks.random_fields import random_field
 from shared_plans import unproven
 from walls import scattered, scenario, two_rows
 
 
-def test_what_the_check_finds_is_answered_at_its_knots_and_joint() -> None:
+def test_what_the_check_finds_is_answered_at_its_moment() -> None:
+    """Looked at first; with more margin where it was looked at already, and near the path where that does not help."""
     limits = JointLimits.about(np.zeros((8, BODY_STATES)), 0.02)
     said = [
         Violation("joint_position", "RF", None, 3.0, 0.1, "rad", "any name", joint=4),
@@ -36,15 +38,32 @@ def test_what_the_check_finds_is_answered_at_its_knots_and_joint() -> None:
         Violation("clearance_limbs", "LF", None, 5.0, 0.002, "m"),
         Violation("joint_torque_shared", "LF", None, 5.0, 0.4, "N m", joint=1),
     ]
-    answer, others = _answered(limits, CheckReport(violations=said), dt_s=2.0)
+    margins, pose = np.full((4, JOINTS), 0.02), np.ones(6)
+
+    def seen(time_s: float) -> tuple[Moment, Array]:
+        return Moment(int(time_s // 2), time_s % 2 / 2, np.zeros((4, 4)), margins, off=np.zeros(6)), pose
+
+    def clear(pose: Array, _hands: Array) -> Array:
+        return 2 * pose
+
+    answer, others = _answered(limits, CheckReport(violations=said), seen, clear)
     assert others == said[3:]
-    more = np.argwhere(answer.margin_rad > limits.margin_rad).tolist()
-    assert more == [[1, 1, 4], [2, 1, 4], [4, 2, 2], [5, 2, 2]]
-    assert (answer.margin_rad[1:3, 1, 4] > 0.12).all()
-    assert np.flatnonzero(answer.apart_m > limits.apart_m + 0.002).tolist() == [2, 3]
-    assert np.isinf(answer.near_m).all()
-    again, _ = _answered(replace(answer, apart_m=answer.apart_m + 0.01), CheckReport(violations=said), dt_s=2.0)
-    assert np.isfinite(again.near_m).any()
+    assert [(m.interval, m.share) for m in answer.moments] == [(1, 0.5), (4, 0.5), (2, 0.5)]
+    assert all((m.margin_rad == 0.02).all() and m.apart_m == OFF_M for m in answer.moments)
+    assert answer.moments[2].clear == pytest.approx(2 * pose)
+    again, others = _answered(answer, CheckReport(violations=said), seen, clear)
+    assert others == said[3:]
+    more = [np.argwhere(m.margin_rad > 0.02).tolist() for m in again.moments]
+    assert more == [[[1, 4]], [[2, 2]], []]
+    assert again.moments[0].margin_rad[1, 4] > 0.12
+    assert again.moments[2].apart_m > OFF_M + 0.002
+    assert np.isinf(again.near_m).all()
+    for _ in range(4):
+        again, _ = _answered(again, CheckReport(violations=said), seen, clear)
+    assert np.flatnonzero(np.isfinite(again.near_m)).tolist() == [0, 1, 2, 3, 4, 5]
+    nowhere, others = _answered(limits, CheckReport(violations=said), seen, lambda _pose, _hands: None)
+    assert others == said[2:]
+    assert len(nowhere.moments) == 2
 
 
 def test_a_goal_is_aimed_at_within_its_tolerances_where_its_middle_has_no_stance(robot: Robot) -> None:

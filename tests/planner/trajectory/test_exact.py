@@ -23,7 +23,7 @@ from crux_planner.trajectory import exact, stage_functions, windows
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.interior_point import Outcome, Point, first_point, minimise
 from crux_planner.trajectory.solution import start_from_path
-from crux_planner.trajectory.stage_functions import StageFunctions
+from crux_planner.trajectory.stage_functions import Between, StageFunctions
 from crux_planner.trajectory.stage_problem import StageProblem
 from walls import scenario, two_rows
 
@@ -66,12 +66,22 @@ def instance(name: str) -> tuple[Problem, Schedule, BodyPath]:
     return problem, schedule, path
 
 
+class LookingBetween(StageFunctions):
+    """With rows of reach at some moments between the knots."""
+
+    def between(self) -> Between:
+        random, count = np.random.default_rng(8), len(self.problem.boxes.directions)
+        bound = np.ones((3, 4 * count))
+        given = random.uniform(-0.01, 0.01, (3, 6)), random.uniform(-0.2, 0.2, (3, 12)), -bound, bound
+        return Between(np.array([3, 3, 8]), np.array([0.2, 0.7, 0.5]), *given)
+
+
 def stages_at_random(seed: int) -> tuple[StageProblem, Point]:
     problem, schedule, path = instance("rough")
     some_torques = frozenset(
         (k, limb) for k in range(0, 30, 7) for limb in range(4) if schedule.contacts[k][limb] is not None
     )
-    stages = StageProblem(StageFunctions(problem), problem, schedule, some_torques)
+    stages = StageProblem(LookingBetween(problem), problem, schedule, some_torques)
     random = np.random.default_rng(seed)
     body = start_from_path(problem, path).body
     body += 0.005 * random.standard_normal(body.shape)

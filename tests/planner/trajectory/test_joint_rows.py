@@ -14,7 +14,8 @@ from crux_planner.model.problem import BODY_STATES
 from crux_planner.reach.arm import reaches_of
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.solids import gap_m
-from crux_planner.trajectory.joint_rows import JOINTS, JointFunctions, JointLimits
+from crux_planner.trajectory.joint_limits import JOINTS, JointLimits
+from crux_planner.trajectory.joint_rows import JointFunctions
 from crux_planner.trajectory.link_planes import OFF_M, Planes, _off_trunk, planes_about
 from reach.pinocchio_limb import PinocchioLimb
 from walls import scenario, two_rows
