@@ -21,7 +21,7 @@ _NEAR = 4  # contacts a limb may go to beside each that the search's sequence ha
 _ROUNDS = 4  # of cuts before the first proposal
 _WORK = 1_500_000  # of the simplex method (solvers.milp), after which there is no further proposal
 _NODES = 200  # of the tree of one proposal
-_LARGE = 500_000  # work on the program without integers beyond which it is too large for proposals
+_LARGE = 300_000  # work on the program without integers beyond which it is too large for proposals
 _CONVERGED = 1e-4  # of the cost, what a round of cuts may still add
 _RETIMING = 20_000  # work of EventCost on a better sequence's times
 

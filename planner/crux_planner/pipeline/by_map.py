@@ -17,19 +17,20 @@ import numpy as np
 
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
-from crux_planner.model.schedule import Move, Schedule, stance_after
+from crux_planner.model.schedule import Move, Schedule, Stance, stance_after
 from crux_planner.pipeline.by_joints import UNLIMITED, solve_by_joints
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.solve_and_check import Climb, cheaper_near
+from crux_planner.pipeline.solve_and_check import Climb, improved, others_than
 from crux_planner.reach.arm import reaches_of
 from crux_planner.search.body_path import SPEED_SHARE, path_about
 from crux_planner.search.ends import clear_start, level_aims
 from crux_planner.search.event_cost import Timed
-from crux_planner.search.map_search import MapSearch, Step
+from crux_planner.search.map_search import Left, MapSearch, Step
 from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about, hulls_of
 from crux_planner.search.pose_path import Ended, clear_path
 from crux_planner.search.schedule import at_knots
 from crux_planner.search.stances import Oracles
+from crux_planner.search.stood_on import StoodOn
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.joint_rows import JointFunctions
@@ -44,13 +45,14 @@ QUICK, NEAR_KNOTS = (100, 2), 80  # the same, and knots to a goal that is not fa
 SPARE_KNOTS = (1, 2, 4)  # a move, beyond what the swings need
 HALVES_M = (0.01, 0.02, 0.04, 0.08)  # how far the first solution may be off the path of the map
 MOST_BY_PLACES = 2  # horizons for which the grippers' places give no plan, until no longer one is tried
-MORE_KNOTS = 4  # of a stance, and of the swing after it, where the body's path ends for want of time
+MORE_KNOTS, MORE_IF_WEAK = 4, 1  # of a stance, and of the swing after it, where the body's path ends
+MOST_LANDINGS = 2  # of a limb from one stance for which motors are too weak, until it is not lifted there any more
 AIMS = 12  # goal poses tried for one at which four limbs hold
 _SAME_M = 1e-4  # between grippers at one place
 LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 
 
-def plan_by_map(climb: Climb, refused: set[Step], quick: bool = False) -> tuple[PlanResult, Problem] | None:
+def plan_by_map(climb: Climb, refused: set[Left], quick: bool = False) -> tuple[PlanResult, Problem] | None:
     """A checked plan and its problem; None where none is found, or start or goal are tilted. Grasps in the middle of
     their faces come first, then also those off it.
 
@@ -71,7 +73,7 @@ def plan_by_map(climb: Climb, refused: set[Step], quick: bool = False) -> tuple[
             search = next((each for each in _searches(climb) if len(each.goals)), None)
         if search is None or (quick and search.ahead(given.start_contacts) > NEAR_KNOTS):
             continue
-        without = set[Step]() if off_centre else refused
+        without = set[Left]() if off_centre else refused
         if (found := _planned(climb, search, without, quick)) is not None:
             return found, search.problem
         if climb.session.late:
@@ -96,14 +98,14 @@ def _searches(climb: Climb) -> Iterator[MapSearch]:
         yield MapSearch(PoseMasks(each, robot, grid, SEARCH_RAD), Footing(each, grid), climb.oracles.swings)
 
 
-def _planned(climb: Climb, search: MapSearch, without: set[Step], quick: bool) -> PlanResult | None:
+def _planned(climb: Climb, search: MapSearch, without: set[Left], quick: bool) -> PlanResult | None:
     """By one way of stances after the other; moves that give no plan are added to those it goes `without`."""
     problem, session = search.problem, climb.session
     knot_m, (step_m, *others) = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s, FINE
     grid = grid_about(problem, knot_m / np.ceil(knot_m / step_m), *others)  # so that the body may be as fast as it may
     fine = PoseMasks(problem, session.robot, grid, PATH_RAD, OFF_M)
-    planner = _ByMap(climb, problem, fine)
-    looks, ways = QUICK if quick else (LOOKS, WAYS)
+    planner = _ByMap(climb, search, fine)
+    (looks, ways), refused = QUICK if quick else (LOOKS, WAYS), Counter[tuple[Stance, int]]()
     for _ in range(ways):
         with climb.work.part("map", 0.2):
             way = search.find(without, looks, session.deadline)
@@ -117,6 +119,9 @@ def _planned(climb: Climb, search: MapSearch, without: set[Step], quick: bool) -
         if session.late or not way:
             return None
         without |= _turned(problem, way[found]) if planner.by_places else {way[found]}
+        refused[way[found][:2]] += bool(planner.by_places)
+        if refused[way[found][:2]] == MOST_LANDINGS:
+            without |= {(before, limb, None) for before, limb, _ in _turned(problem, way[found])}
     return None
 
 
@@ -136,8 +141,9 @@ def _turned(problem: Problem, step: Step) -> set[Step]:
 class _ByMap:
     """From ways of stances to plans of one problem."""
 
-    def __init__(self, climb: Climb, problem: Problem, masks: PoseMasks) -> None:
-        self.climb, self.problem, self.masks = climb, problem, masks
+    def __init__(self, climb: Climb, search: MapSearch, masks: PoseMasks) -> None:
+        self.climb, self.search, self.masks = climb, search, masks
+        problem = self.problem = search.problem
         self.footing = Footing(problem, masks.grid)
         self.functions = JointFunctions(problem, reaches_of(climb.session.robot), UNLIMITED)
         self.by_places = 0  # horizons of one way that fail by the grippers' places
@@ -187,14 +193,18 @@ class _ByMap:
         oracles = next((each for each in self._hulls() if all(each.reachable.of(m.after) for m in moves)), None)
         if oracles is None:
             return None
-        timed, _, others = cheaper_near(replace(self.climb, oracles=oracles), moves)
-        tried = [others.timed] if others is not None and others.found else []
-        for each in [*tried, *([] if timed is None else [timed])]:
-            found = self._timed(each)
-            if isinstance(found, PlanResult):
-                found.others = None if others is None else replace(others, found=others.found and each is others.timed)
-                return found
-        return None
+        climb = replace(self.climb, oracles=oracles)
+        timed, _, costs = improved(climb, moves)
+        found = None if timed is None else self._timed(timed)
+        if timed is None or not isinstance(found, PlanResult):
+            return None
+        others = others_than(climb, costs, timed)
+        if others is not None and others.found:
+            better = self._timed(others.timed)
+            others = replace(others, found=isinstance(better, PlanResult) and better.cost < found.cost)
+            found = better if isinstance(better, PlanResult) and others.found else found
+        found.others = others
+        return found
 
     def _hulls(self) -> Iterator[Oracles]:
         """Of a body that keeps its heading, and of one that turns: as if it were level and did not."""
@@ -204,7 +214,7 @@ class _ByMap:
             boxes = hulls_of(self.masks.reaches, self.problem, turn_rad)
             hulls = replace(self.problem, boxes=boxes, start=ends[0], goal=ends[1])
             oracles = Oracles.of(hulls, TorqueLimits(hulls, hulls.friction_share))
-            yield replace(oracles, swings=self.climb.oracles.swings)
+            yield replace(oracles, swings=self.climb.oracles.swings, reachable=StoodOn(hulls, self.search))
 
     def _timed(self, timed: Timed) -> PlanResult | int | None:
         """A checked plan of timed moves, with more knots where the body's path ends; or the number of the move at which
@@ -219,7 +229,8 @@ class _ByMap:
             if start is None:
                 return None
             if isinstance(start, Start):
-                found = solve_by_joints(self.climb.session, problem, schedule, start, self.functions)
+                given = problem, schedule, start, self.functions, self.masks.clear_near
+                found = solve_by_joints(self.climb.session, *given)
                 if not isinstance(found, Ended):
                     return found
                 self.by_places += found.by_places
@@ -228,7 +239,8 @@ class _ByMap:
             if start.by_places:
                 self.by_places = MOST_BY_PLACES
                 return j
-            if longer[j] == MORE_KNOTS or self.climb.session.late:
+            if longer[j] == (MORE_IF_WEAK if start.weak else MORE_KNOTS) or self.climb.session.late:
+                self.by_places += start.weak
                 return j
             longer[j] += 1
             stances, flown = timed.stances.copy(), timed.swings.copy()
@@ -245,7 +257,8 @@ class _ByMap:
         for half_m in HALVES_M:
             path = path_about(problem, self.footing.oracle, schedule, poses, half_m)
             if path is not None:
-                return start_from_path(problem, path, poses[:, 3])
+                clear = np.column_stack([poses[:, :3], np.zeros((len(poses), 2)), poses[:, 3]])
+                return replace(start_from_path(problem, path, poses[:, 3]), clear=clear)
         return None
 
 

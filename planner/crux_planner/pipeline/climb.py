@@ -19,7 +19,7 @@ from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.map_search import Step
+from crux_planner.search.map_search import Left
 from crux_planner.search.stances import ANY, Oracles, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
@@ -69,7 +69,7 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     """By map; where that finds nothing soon, with limbs in their boxes, then by map with grasps off the middle too, and
     last with limbs in the larger convex pieces of their reach.
     """
-    refused = set[Step]()
+    refused = set[Left]()
     if (quick := plan_by_map(climb, refused, quick=True)) is not None:
         return _with_gap(climb, *quick)
     try:

@@ -116,15 +116,26 @@ def cheaper_near(climb: Climb, moves: list[Move]) -> tuple[Timed | None, bool, O
     """The moves or cheaper ones near them, timed, None where nothing is estimated; whether the moves as they are may be
     cheaper; and what a MIP says of others.
     """
-    work, timed, unsure, others = climb.work, None, False, None
-    with work.part("improve", 0.3):
+    timed, unsure, costs = improved(climb, moves)
+    return timed, unsure, None if timed is None else others_than(climb, costs, timed)
+
+
+def improved(climb: Climb, moves: list[Move]) -> tuple[Timed | None, bool, EventCost]:
+    """The first two of `cheaper_near`, and the estimates that they are by."""
+    timed, unsure = None, False
+    with climb.work.part("improve", 0.3):
         costs = EventCost(climb.oracles)
         if moves:  # its estimates are of a level body that takes steps
             timed, unsure = _improved(climb, costs, moves)
-    with work.part("mip", 0.35):
-        if timed is not None and work.bound is not None:  # no time for a bound, as a robot waits, is none for this
-            others = look_at_others(costs, timed, climb.session.deadline)
-    return timed, unsure, others
+    return timed, unsure, costs
+
+
+def others_than(climb: Climb, costs: EventCost, timed: Timed) -> OtherSequences | None:
+    """What a MIP says of others than some moves."""
+    with climb.work.part("mip", 0.35):
+        if climb.work.bound is None:  # no time for a bound, as a robot waits, is none for this
+            return None
+        return look_at_others(costs, timed, climb.session.deadline)
 
 
 def _cheaper(plan: PlanResult, other: PlanResult | InfeasibleError) -> PlanResult:

@@ -233,7 +233,8 @@ class _Improvement:
                 return None
             moves.append(move)
             stance = move.after
-        return moves if all(c in ends for c, ends in zip(stance, self.ends, strict=True)) else None
+        ends = all(c in ends for c, ends in zip(stance, self.ends, strict=True)) and self.reach.may_end(stance)
+        return moves if ends else None
 
     def _move(self, stance: Stance, limbs: tuple[int, ...], ends: tuple[int, ...]) -> Move | None:
         after, nowhere = stance_after(stance, limbs, ends), np.zeros(3)

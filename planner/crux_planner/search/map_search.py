@@ -36,6 +36,8 @@ LEAST_SAMPLES = 6  # intervals of a swing that are looked at
 Node = tuple[Stance, int]
 Step = tuple[Stance, int, Stance]
 """The stance before, the limb, the stance after."""
+Left = tuple[Stance, int, Stance | None]
+"""A step that is left out, or all of a limb from a stance."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class MapSearch:
         held = self.masks.held
         return [[c for c in own if held(limb, self.masks.at(c)).any()] for limb, own in enumerate(self._mine)]
 
-    def find(self, without: Collection[Step], most: int, deadline: float) -> list[Step] | None:
+    def find(self, without: Collection[Left], most: int, deadline: float) -> list[Step] | None:
         """Moves to the goal, none of `without` among them; None where `most` looks at moves, or the time, find none."""
         start, count = self.problem.start_contacts, itertools.count()
         if not len(self.goals):
@@ -95,7 +97,8 @@ class MapSearch:
         while queue and most > 0 and clock.now() < deadline:
             rank, *_, cost, each = heapq.heappop(queue)
             if isinstance(each, Swing):
-                if (each.before[0], each.limb, each.after) in without:
+                lifted = each.before[0], each.limb
+                if (*lifted, each.after) in without or (*lifted, None) in without:
                     continue
                 way = each.before[0][each.limb], each.end
                 if self.swings.swing(*way) is None:
@@ -131,6 +134,10 @@ class MapSearch:
             grippers = [self.masks.at(c) for c in stance]
             self._labels[stance] = parts(self.masks.apart(self.masks.hold(stance), grippers))[0]
         return self._labels[stance]
+
+    def poses(self, stance: Stance) -> Flags:
+        """From which all limbs hold a stance, off each other."""
+        return np.asarray(self._parts(stance) > 0)
 
     @cached_property
     def goals(self) -> Indices:
