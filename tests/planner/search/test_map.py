@@ -5,19 +5,22 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot, load_robot
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.build import build_problem
-from crux_planner.model.schedule import Move
+from crux_planner.model.schedule import Move, stance_after
+from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.reach.body_grid import BodyGrid
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.map_search import MapSearch
 from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about, grown
-from crux_planner.search.pose_path import Ended, clear_path, pose_path
+from crux_planner.search.pose_path import Ended, Moments, clear_path, pose_path
 from crux_planner.search.schedule import at_knots
+from crux_planner.search.stood_on import StoodOn
 from crux_planner.swing.swing_cache import SwingCache
 from scipy.sparse.csgraph import dijkstra
 from walls import ladder, scenario, two_rows
@@ -75,6 +78,122 @@ def test_a_goal_at_which_a_limb_reaches_nothing_has_no_way(robot: Robot) -> None
     grid = grid_about(problem, 0.03, 0.07, 0.1, 0.0)
     masks = PoseMasks(problem, robot, grid, 0.04)
     assert MapSearch(masks, Footing(problem, grid), SwingCache(problem)).find((), 500, np.inf) is None
+
+
+def test_a_limb_that_is_left_out_is_not_lifted_from_its_stance() -> None:
+    found = search()
+    way = found.find((), 500, np.inf)
+    assert way is not None
+    before, limb, _ = way[0]
+    other = found.find({(before, limb, None)}, 500, np.inf)
+    assert other is not None
+    assert (before, limb) not in [step[:2] for step in other]
+
+
+def test_estimates_have_no_stance_that_the_map_has_no_pose_on() -> None:
+    """And where it has some, these are within the bounds; the start is one of them."""
+    found = search()
+    problem, start = found.problem, found.problem.start_contacts
+    bounds = StoodOn(problem, found)
+    stance = bounds.of(start)
+    assert stance is not None
+    place = problem.boxes.directions @ problem.start.position_m
+    assert (stance[0] <= place + 1e-9).all()
+    assert (place <= stance[1] + 1e-9).all()
+    plain, nowhere = ReachableSet(problem), np.zeros(found.masks.grid.shape, dtype=bool)
+    for limb, end in itertools.product(range(4), range(len(problem.contacts))):
+        after = stance_after(start, (limb,), (end,))
+        some = found.poses(after)
+        if plain.of(after) is None:
+            continue
+        tighter = bounds.of(after)
+        assert (tighter is None) == (not some.any())
+        if tighter is None:
+            continue
+        for cell in np.argwhere(some):
+            along = problem.boxes.directions @ found.masks.grid.pose(cell)[0]
+            inside = np.maximum(plain.of(after)[0], along), np.minimum(plain.of(after)[1], along)  # type: ignore[index]
+            assert (tighter[0] <= inside[0] + 1e-9).all()
+            assert (inside[1] <= tighter[1] + 1e-9).all()
+    empty = SimpleNamespace(masks=found.masks, poses=lambda _stance: nowhere)
+    assert plain.of(start) is not None
+    assert StoodOn(problem, empty).of(start) is None  # type: ignore[arg-type]
+    ends = [tuple(map(int, goal)) for goal in found.goals]
+    assert all(bounds.may_end(end) for end in ends)  # type: ignore[arg-type]
+    assert not bounds.may_end(start)
+
+
+def test_the_nearest_clear_pose_is_the_nearest_of_all() -> None:
+    masks = search().masks
+    problem, grid = masks.problem, masks.grid
+    hands = np.array([[*masks.at(c)] for c in problem.start_contacts])
+    pose = np.array([*problem.start.position_m, 0.0, 0.0, 0.0])
+    pose += [0.013, -0.008, 0.0, 0.01, 0.0, 0.02]
+    grippers = [masks.at(c) for c in problem.start_contacts]
+    mask = masks.apart(np.logical_and.reduce([masks.held(i, there) for i, there in enumerate(grippers)]), grippers)
+    poses = [np.concatenate(grid.pose(cell)) for cell in np.argwhere(mask)]
+    away = [np.hypot(np.linalg.norm(each[:3] - pose[:3]), 0.3 * (each[5] - pose[5])) for each in poses]
+    found = masks.clear_near(pose, hands)
+    assert found is not None
+    least = np.hypot(np.linalg.norm(found[:3] - pose[:3]), 0.3 * (found[5] - pose[5]))
+    assert least == pytest.approx(min(away))
+    assert masks.clear_near(pose + 5.0, hands) is None
+
+
+def test_the_path_is_looked_at_halfway_through_swings_too() -> None:
+    """Where a limb does not reach its gripper there, the body goes another way, or none."""
+    found = search()
+    problem, masks = found.problem, found.masks
+    way = found.find((), 500, np.inf)
+    assert way is not None
+    moves = [Move(before, after, (limb,), *[problem.start.position_m] * 2) for before, limb, after in way]
+    air = np.array([found.swings.intervals(before[limb], after[limb]) for before, limb, after in way])
+    stances = np.full(len(moves) + 1, 3)
+    problem = replace(problem, steps=int(stances.sum() + air.sum()))
+    schedule = at_knots(problem, found.swings, moves, stances, air)
+    moments = Moments.of(schedule)
+    flown = [k for k, knot in enumerate(schedule.contacts[:-1]) if None in knot]
+    assert [time for time in moments.times if time % 1] == [k + 0.5 for k in flown]
+    begun_in_the_air = replace(schedule, contacts=[[None, *knot[1:]] for knot in schedule.contacts])
+    assert Moments.of(begun_in_the_air).times[:4] == [0.0, 1.0, 1.5, 2.0]  # the body moves from knot 1 on
+    footing = Footing(problem, masks.grid)
+    series = moments.masks(masks, footing)
+    for i, (time, grippers) in enumerate(zip(moments.times, moments.grippers, strict=True)):
+        between = (schedule.poses[int(time)] + schedule.poses[int(np.ceil(time))]) / 2
+        np.testing.assert_allclose(grippers, between[:, :4])
+        for limb in range(4):
+            assert not (series[i] & ~masks.held(limb, grippers[limb])).any()
+    half = moments.times.index(flown[len(flown) // 2] + 0.5)
+    series[half] = np.zeros_like(series[half])
+    assert pose_path(problem, masks, series, None, moments.times) == (None, half)
+
+
+def test_halves_of_a_knot_let_the_body_go_as_far_as_the_knot() -> None:
+    found = search()
+    problem, masks = found.problem, found.masks
+    step = 0.95 * problem.body.max_speed_m_s * problem.dt_s
+    turn = 0.9 * problem.body.max_rate_rad_s * problem.dt_s
+    for cells in (1, 3, 4):  # of the grid, in a knot
+        grid = BodyGrid(
+            yaw_rad=turn / cells * np.arange(13),
+            roll_rad=np.zeros(1),
+            pitch_rad=np.zeros(1),
+            z_m=np.array([problem.start.position_m[2]]),
+            x_m=step / cells * np.arange(30) + problem.start.position_m[0],
+            y_m=problem.start.position_m[1:2],
+        )
+        goal = np.zeros(grid.shape, dtype=bool)
+        goal[3 * cells, ..., 3 * cells, 0] = True  # in the three steps after the first knot, and no fewer
+        masks = SimpleNamespace(grid=grid, goal=goal)  # type: ignore[assignment]
+        times = [0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0]
+        all_of = [np.ones(grid.shape, dtype=bool) for _ in times]
+        cells_on_way, _ = pose_path(problem, masks, all_of, None, times)
+        assert cells_on_way is not None
+        assert len(cells_on_way) == len(times) - 2
+        assert cells_on_way[-1][4] == 3 * cells
+        goal[:] = False
+        goal[0, ..., 3 * cells + 1, 0] = True
+        assert pose_path(problem, masks, all_of, None, times)[0] is None
 
 
 def test_what_is_looked_at_is_counted() -> None:
