@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -52,12 +52,21 @@ _SAME_M = 1e-4  # between grippers at one place
 LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 
 
-def plan_by_map(climb: Climb, refused: set[Left], quick: bool = False) -> tuple[PlanResult, Problem] | None:
+@dataclass
+class Tried:
+    """What is known of a climb by map, with grasps in the middle of their faces: `refused` moves are left out."""
+
+    refused: set[Left] = field(default_factory=set)
+    search: MapSearch | None = None
+    far: bool = True  # the goal, for a quick search
+
+
+def plan_by_map(climb: Climb, tried: Tried, quick: bool = False) -> tuple[PlanResult, Problem] | None:
     """A checked plan and its problem; None where none is found, or start or goal are tilted. Grasps in the middle of
     their faces come first, then also those off it.
 
-    `refused` are moves between the former that are left out, and those found to give no plan are added. `quick`: only
-    with the former, and few looks at moves; none where the goal is far.
+    What is found out about the former is kept in `tried`. `quick`: only with these, and few looks at moves; none where
+    the goal is far.
     """
     given = climb.problem
     tilts = np.abs([given.start.rpy_rad[:2], given.goal.body.rpy_rad[:2]])
@@ -69,11 +78,16 @@ def plan_by_map(climb: Climb, refused: set[Left], quick: bool = False) -> tuple[
         if off_centre:
             with climb.work.part("problem", 0.1):
                 climb = _off_centre(climb)
+        search = None if off_centre else tried.search
         with climb.work.part("map", 0.2):
-            search = next((each for each in _searches(climb) if len(each.goals)), None)
-        if search is None or (quick and search.ahead(given.start_contacts) > NEAR_KNOTS):
+            search = search or next((each for each in _searches(climb) if len(each.goals)), None)
+        if search is None:
             continue
-        without = set[Left]() if off_centre else refused
+        if not off_centre:
+            tried.search, tried.far = search, search.ahead(given.start_contacts) > NEAR_KNOTS
+        if quick and tried.far:
+            continue
+        without = set[Left]() if off_centre else tried.refused
         if (found := _planned(climb, search, without, quick)) is not None:
             return found, search.problem
         if climb.session.late:

@@ -11,7 +11,7 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.attempt import attempts
-from crux_planner.pipeline.by_map import plan_by_map
+from crux_planner.pipeline.by_map import Tried, plan_by_map
 from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
 from crux_planner.pipeline.fallback import at_last, disproved, farther, without_blamed
@@ -19,7 +19,6 @@ from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.map_search import Left
 from crux_planner.search.stances import ANY, Oracles, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
@@ -66,24 +65,37 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
 
 
 def _plan_anyhow(climb: Climb) -> PlanResult:
-    """By map; where that finds nothing soon, with limbs in their boxes, then by map with grasps off the middle too, and
-    last with limbs in the larger convex pieces of their reach.
+    """By map; where that finds nothing soon for a goal that is far, with limbs in their boxes, then by map with grasps
+    off the middle too, and last with limbs in their boxes and in the larger convex pieces of their reach.
     """
-    refused = set[Left]()
-    if (quick := plan_by_map(climb, refused, quick=True)) is not None:
+    tried, none_level = Tried(), None
+    if (quick := plan_by_map(climb, tried, quick=True)) is not None:
         return _with_gap(climb, *quick)
-    try:
-        return _plan_level(climb, True, climb.session.share_of_time(LEVEL_SHARE))
-    except InfeasibleError as none_near:
-        none_level = none_near
+    if tried.far:
+        found = _level_or_none(climb, True)
+        if isinstance(found, PlanResult):
+            return found
+        none_level = found
     proof = disproved(climb, none_level)
-    if (found := plan_by_map(climb, refused)) is not None:
-        return _with_gap(climb, *found)
-    try:
-        return _plan_level(farther(climb), False, climb.session.share_of_time(LEVEL_SHARE))
-    except InfeasibleError as none_far:
-        none_level = none_far
+    if (by_map := plan_by_map(climb, tried)) is not None:
+        return _with_gap(climb, *by_map)
+    for each, quickest in ((climb, True), (farther(climb), False)):
+        if quickest and none_level is not None:
+            continue
+        found = _level_or_none(each, quickest)
+        if isinstance(found, PlanResult):
+            return found
+        none_level = found
+    assert none_level is not None
     raise none_level if proof is None else at_last(climb, none_level, proof)
+
+
+def _level_or_none(climb: Climb, quick: bool) -> PlanResult | InfeasibleError:
+    """As `_plan_level`, with a share of the time; or why there is none."""
+    try:
+        return _plan_level(climb, quick, climb.session.share_of_time(LEVEL_SHARE))
+    except InfeasibleError as none:
+        return none
 
 
 def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:

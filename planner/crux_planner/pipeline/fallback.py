@@ -19,9 +19,10 @@ def farther(climb: Climb) -> Climb:
     return replace(climb, oracles=replace(climb.oracles, problem=problem, reachable=ReachableSet(problem)))
 
 
-def disproved(climb: Climb, none_near: InfeasibleError) -> Proof | None:
+def disproved(climb: Climb, none_near: InfeasibleError | None) -> Proof | None:
     """What can be shown about the climb, where nothing quick shows that it has no plan; else raises InfeasibleError.
-    None of limbs without closed-form kinematics: nothing is shown of these.
+    That start and goal are connected is asked where something else found no plan. None of limbs without closed-form
+    kinematics: nothing is shown of these.
     """
     if not climb.problem.closed_form:
         return None
@@ -30,8 +31,8 @@ def disproved(climb: Climb, none_near: InfeasibleError) -> Proof | None:
         impossible = proof.quick() or proof.goal_equilibrium(GOAL_PROOF, climb.session.deadline)
         if impossible is not None:
             raise impossible
-        impossible = proof.disconnected(FIRST_PROOF, climb.session.deadline)
-    if impossible is not None:
+        impossible = None if none_near is None else proof.disconnected(FIRST_PROOF, climb.session.deadline)
+    if none_near is not None and impossible is not None:
         raise _explained(proof.instead_of(none_near), impossible)
     return proof
 

@@ -21,7 +21,7 @@ from crux_planner.model.problem import Pose, Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.by_joints import UNLIMITED
-from crux_planner.pipeline.by_map import plan_by_map
+from crux_planner.pipeline.by_map import Tried, plan_by_map
 from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.explanation import explain
 from crux_planner.pipeline.fallback import ATTEMPTS, without_blamed
@@ -141,7 +141,7 @@ class Planner:
         """With other headings and grasps, in up to `most` steps."""
         scenario = rewritten(climb.session.scenario, steps=most)
         problem = build_problem(scenario, self.robot, reach=self.problem.limb_reach)
-        found = plan_by_map(replace(_for(climb, scenario), oracles=Oracles.of(problem)), set())
+        found = plan_by_map(replace(_for(climb, scenario), oracles=Oracles.of(problem)), Tried())
         return None if found is None else found[0]
 
     def _anew(
