@@ -53,6 +53,18 @@ class Posture:
     side_length: Array
 
 
+def wrist_m(limb: Limb, cos_elbow: float) -> float:
+    """Of a wrist from the shoulder, where the elbow has this cosine."""
+    l1, l2 = limb.upper_link_m, limb.lower_link_m
+    return float(np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * cos_elbow))
+
+
+def cos_elbow_at(limb: Limb, wrist_m: float) -> float:
+    """The cosine of the elbow, where the wrist is so far from the shoulder."""
+    l1, l2 = limb.upper_link_m, limb.lower_link_m
+    return float((wrist_m**2 - l1**2 - l2**2) / (2 * l1 * l2))
+
+
 @dataclass(frozen=True)
 class ArmReach:
     """One limb. Raises ValueError for a limb whose joints turn so far that angles are not one of a kind.

@@ -23,6 +23,7 @@ from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import body_bounds
 from crux_planner.physics.dynamics import rotation
+from crux_planner.reach.arm import cos_elbow_at, wrist_m
 from crux_planner.reach.chain_reach import LINK_OF
 from crux_planner.reach.protocol import Reach
 from crux_planner.reach.solids import HAND
@@ -32,6 +33,7 @@ from crux_planner.trajectory.link_planes import OFF_M, Ends, Planes, farthest_cl
 from crux_planner.trajectory.stage_functions import POSE, Between, StageFunctions
 
 ELBOW = 2  # number of the joint that is straight in a stretched limb
+STRETCH_M = 0.004  # that wrists keep off where elbows are as straight as they may be: little of an angle
 _SOFT = 1e-4  # sin^2 of joint 3 below which the elbow is rounded off, so that it is smooth beyond a stretched limb
 _PATH_YAW_RAD_M = 3.0  # heading that counts as a metre where the body keeps near its first path
 _MOVES = [0, 1, 5]  # states of the body that follow the path: x, y, yaw
@@ -157,6 +159,8 @@ class JointFunctions(StageFunctions):
         """(N, m). Until the first lift-off, limbs count as reaching as far as they do at the start."""
         n = problem.steps
         low, high = self._bounds(np.full((n, len(self.reaches), JOINTS), self.limits.margin_rad), self.planes(schedule))
+        if self.problem.closed_form:
+            self._less_stretched(schedule, high)
         moved = (schedule.poses[:, :, :3] != schedule.poses[0, :, :3]).any(axis=(1, 2))
         lift_off = int(np.argmax(moved)) - 1 if moved.any() else n
         begun = slice(max(lift_off - 1, 1))
@@ -165,6 +169,15 @@ class JointFunctions(StageFunctions):
         begin = self.reach_at(np.tile(state, (len(grippers), 1)), grippers, np.zeros((len(grippers), low.shape[1])))[0]
         low[begun], high[begun] = np.minimum(low[begun], begin), np.maximum(high[begun], begin)
         return low, high
+
+    def _less_stretched(self, schedule: Schedule, high: Array) -> None:
+        """Elbows off straight by `STRETCH_M`, or as far as they are on the path."""
+        grippers = self.grippers(schedule)
+        path = self.reach_at(self.limits.path[1:], grippers, np.zeros(high.shape))[0]
+        for limb, reach in enumerate(self.reaches):
+            row, straight = JOINTS * limb + ELBOW, float(np.cos(reach.limb.lower_rad[ELBOW]))
+            wanted = cos_elbow_at(reach.limb, wrist_m(reach.limb, straight) - STRETCH_M)
+            high[:, row] = np.minimum(high[:, row], np.maximum(wanted, path[:, row]))
 
 
 def _given(hands: Array, planes: Planes) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import BODY_STATES
+from crux_planner.model.schedule import Schedule
 from crux_planner.reach.arm import reaches_of
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.solids import gap_m
@@ -171,3 +173,25 @@ def seen(state: Array, hand: Array) -> GripperPoses:
     """One gripper as a body has it."""
     back = rotation_from_rpy(state[3:6]).T
     return GripperPoses.of((back @ (hand[:3] - state[:3]))[None], (back @ rotation_z(hand[3]))[None])
+
+
+def test_elbows_keep_off_straight_as_far_as_they_do_on_the_path(robot: Robot) -> None:
+    """By 4 mm of the wrist's distance; where the path has them straighter, no straighter than there."""
+    f = functions()
+    problem, steps = f.problem, 12
+    hands = np.tile(np.array([problem.contacts[c].pose[:5] for c in problem.start_contacts]), (steps + 1, 1, 1))
+    hands[6:, 3, 2] += 0.01  # a limb has lifted off: from then on limits are those of the joints
+    schedule = Schedule([], [list(problem.start_contacts)] * (steps + 1), hands)
+    limb, path = robot.limbs[0], np.zeros((steps + 1, BODY_STATES))
+    l1, l2, straight = limb.upper_link_m, limb.lower_link_m, np.cos(limb.lower_rad[2] + 0.02)
+    most_m = np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * np.cos(limb.lower_rad[2]))
+    for back_m in (0.0, 0.002, 0.02):  # of the wrist from as far as it goes
+        shoulder_to_wrist = most_m - back_m
+        path[:, :3] = hands[0, 0, :3] + [0, 0, limb.wrist_to_gripper_m] - limb.shoulder_b_m
+        path[:, 0] -= shoulder_to_wrist * np.cos(limb.mount_rad)
+        path[:, 1] -= shoulder_to_wrist * np.sin(limb.mount_rad)
+        about = f.within(JointLimits.about(path, 0.02))
+        _, high = about.reach_bounds(replace(problem, steps=steps), schedule)
+        bound_m = np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * high[-1, 2])
+        at_margin = np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * straight)
+        assert bound_m == pytest.approx(min(at_margin, max(most_m - 0.004, shoulder_to_wrist)), abs=1e-6)
