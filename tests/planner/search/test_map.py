@@ -110,7 +110,7 @@ def test_estimates_have_no_stance_that_the_map_has_no_pose_on() -> None:
         assert (tighter is None) == (not some.any())
         if tighter is None:
             continue
-        for cell in np.argwhere(some):
+        for cell in np.argwhere(some).tolist():
             along = problem.boxes.directions @ found.masks.grid.pose(cell)[0]
             inside = np.maximum(plain.of(after)[0], along), np.minimum(plain.of(after)[1], along)  # type: ignore[index]
             assert (tighter[0] <= inside[0] + 1e-9).all()
@@ -131,7 +131,7 @@ def test_the_nearest_clear_pose_is_the_nearest_of_all() -> None:
     pose += [0.013, -0.008, 0.0, 0.01, 0.0, 0.02]
     grippers = [masks.at(c) for c in problem.start_contacts]
     mask = masks.apart(np.logical_and.reduce([masks.held(i, there) for i, there in enumerate(grippers)]), grippers)
-    poses = [np.concatenate(grid.pose(cell)) for cell in np.argwhere(mask)]
+    poses = [np.concatenate(grid.pose(cell)) for cell in np.argwhere(mask).tolist()]
     away = [np.hypot(np.linalg.norm(each[:3] - pose[:3]), 0.3 * (each[5] - pose[5])) for each in poses]
     found = masks.clear_near(pose, hands)
     assert found is not None
@@ -175,7 +175,7 @@ def test_halves_of_a_knot_let_the_body_go_as_far_as_the_knot() -> None:
     turn = 0.9 * problem.body.max_rate_rad_s * problem.dt_s
     for cells in (1, 3, 4):  # of the grid, in a knot
         grid = BodyGrid(
-            yaw_rad=turn / cells * np.arange(13),
+            yaw_rad=np.array([turn / cells * i for i in range(13)]),
             roll_rad=np.zeros(1),
             pitch_rad=np.zeros(1),
             z_m=np.array([problem.start.position_m[2]]),
