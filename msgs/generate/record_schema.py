@@ -55,7 +55,8 @@ def _value(key: Key) -> dict[str, Any]:
     if key.type.__origin__ is dict:
         return mapping("by name", dict.fromkeys(key.words, each), [])
     count = {"maxItems": key.most} if key.most else {}
-    return {"type": "array", "items": each} | count if count else listed(each, len(parts))
+    some = count or ... in get_args(key.type)
+    return {"type": "array", "items": each} | count if some else listed(each, len(parts))
 
 
 def mapping(means: str, members: dict[str, Any], required: Sequence[str] | None = None) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from crux_contracts.robot_bounds import JOINTS, MAX_ANGLE_RAD, MAX_LENGTH_M
+from crux_contracts.robot_bounds import MAX_ANGLE_RAD, MAX_LENGTH_M
 
 from .tables import TableError, document
 
@@ -20,8 +20,8 @@ MOST = {"m": MAX_LENGTH_M, "rad": MAX_ANGLE_RAD}
 
 @dataclass(frozen=True)
 class Key:
-    """`section` is empty at the top of the file, "limbs" for the keys of each limb. `count` is the length of a list.
-    A key with a `default` may be left out."""
+    """`section` is empty at the top of the file, "limbs" for the keys of each limb. `count` is the length of a list, 0
+    where it goes by the joints. A key with a `default` may be left out."""
 
     section: str
     name: str
@@ -121,5 +121,5 @@ def _key(
     low = -high if type == "interval" else low
     if default is not None and (type != "number" or not low <= default <= high):
         raise ValueError(f"{section}.{key}: {default} is no default of it")
-    count = {"per_joint": JOINTS, "interval": 2}.get(type, count)
+    count = 2 if type == "interval" else count
     return Key(section, key, type, unit, low, high, count, default, means)

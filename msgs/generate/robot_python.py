@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from crux_contracts.robot_bounds import JOINTS
-
 from .robot_keys import Key, RobotKeys
 
 _TYPES = {
     "number": "float",
     "integer": "int",
-    "per_joint": f"tuple[{', '.join(['float'] * JOINTS)}]",
+    "per_joint": "tuple[float, ...]",
     "interval": "tuple[float, float]",
     "text": "str",
     "file": "str",
@@ -32,7 +30,7 @@ def module(keys: RobotKeys) -> str:
     classes = "\n\n".join([*names, *of_numbers])
     return f'''"""Generated from msgs/robot_keys.yaml by msgs/generate. Do not edit.
 
-Units stand in the names; a tuple of {JOINTS} has one value a joint, shoulder outwards.
+Units stand in the names; a tuple of any length has one value a joint, shoulder outwards.
 """
 
 from __future__ import annotations

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-from types import GenericAlias
 from typing import Any
 
 from crux_contracts import LIMB_NAMES, records
-from crux_contracts.robot_bounds import JOINTS
+from crux_contracts.robot_bounds import JOINTS, LEAST_JOINTS, MOST_JOINTS
 
 from .record_schema import DRAFT, TEXT, described, listed, mapping
 from .robot_keys import Key, RobotKeys
 
 _TYPES: dict[str, Any] = {"number": float, "integer": int, "interval": tuple[float, float], "text": str}
-_TYPES["per_joint"] = GenericAlias(tuple, (float,) * JOINTS)
+_TYPES["per_joint"] = tuple[float, ...]
+_EACH_JOINT = {"minItems": LEAST_JOINTS, "maxItems": MOST_JOINTS}
 
 
 def schema(keys: RobotKeys) -> str:
@@ -36,17 +36,18 @@ def _mapping(means: str, keys: tuple[Key, ...]) -> dict[str, Any]:
 
 def _value(key: Key) -> dict[str, Any]:
     if key.type in _TYPES:
-        return described(records.Key(key.low, key.high, key.unit, key.means, type=_TYPES[key.type]))
+        found = described(records.Key(key.low, key.high, key.unit, key.means, type=_TYPES[key.type]))
+        return found | _EACH_JOINT if key.type == "per_joint" else found
     forms: dict[str, dict[str, Any]] = {
         "file": TEXT | {"pattern": r"^(?!\.\.?$)[^/]*[^/\s][^/]*$"},
-        "names": listed(TEXT, key.count),
+        "names": listed(TEXT, key.count) if key.count else {"type": "array", "items": TEXT, **_EACH_JOINT},
         "nodes": {
             "type": "object",
             "properties": {"gripper": {"const": JOINTS + 1}},
             "required": ["gripper"],
-            "additionalProperties": {"enum": list(range(1, JOINTS + 1))},
-            "minProperties": JOINTS + 1,
-            "maxProperties": JOINTS + 1,
+            "additionalProperties": {"enum": [n for n in range(1, MOST_JOINTS + 2) if n != JOINTS + 1]},
+            "minProperties": LEAST_JOINTS + 1,
+            "maxProperties": MOST_JOINTS + 1,
         },
     }
     return {"description": key.means, **forms[key.type]}

@@ -21,7 +21,11 @@ bool answers_sync(FrameKind kind) {
 }  // namespace
 
 LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames)
-    : limb_(limb), command_frames_(frames), silent_cycles_(robot.supervisor.silent_cycles) {
+    : limb_(limb),
+      driven_(static_cast<std::size_t>(robot.limbs[limb].driven)),
+      nodes_(1U << CRUX_CAN_NODE_GRIPPER),
+      command_frames_(frames),
+      silent_cycles_(robot.supervisor.silent_cycles) {
   constexpr std::size_t kHashDigits = 8;  // of robot_hash() in Identity.ParameterHash
   parameter_hash_ = static_cast<std::uint32_t>(std::stoul(robot.sha256.substr(0, kHashDigits), nullptr, 16));
   if (robot.can.nodes.gripper != static_cast<int>(CRUX_CAN_NODE_GRIPPER))
@@ -30,7 +34,7 @@ LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames)
   joint_of_node_.fill(-1);
   silence_.fill(silent_cycles_ + 1);  // until they are heard
   streams_.fill(StreamWatch(silent_cycles_));
-  for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
+  for (std::size_t joint = 0; joint < driven_; ++joint) {
     const int node = robot.can.nodes.joints[joint];
     if (node < 1 || node > static_cast<int>(CRUX_CAN_JOINTS) || joint_of_node_[static_cast<std::size_t>(node)] >= 0)
       throw BusError("robot '" + robot.name + "': can.nodes gives joint " + std::to_string(joint + 1) + " node " +
@@ -38,6 +42,7 @@ LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames)
                      ", each once");
     node_of_joint_[joint] = static_cast<std::uint8_t>(node);
     joint_of_node_[static_cast<std::size_t>(node)] = static_cast<int>(joint);
+    nodes_ |= 1U << static_cast<unsigned>(node);
     kp_Nm_rad_[joint] = static_cast<float>(robot.servo.position_gain_Nm_rad[joint]);
     kd_Nms_rad_[joint] = static_cast<float>(robot.servo.velocity_gain_Nms_rad[joint]);
     if (frames == CommandFrames::kBroadcast) check_broadcast_gains(robot, joint);
@@ -321,6 +326,7 @@ void LimbBus::forget_silent_nodes() noexcept {
 
 std::int8_t LimbBus::node_state(std::uint8_t node) const noexcept {
   using crux_msgs::status_t;
+  if ((nodes_ >> node & 1U) == 0) return status_t::WELL;
   if (silence_[node] > silent_cycles_ && (answered_ >> node & 1U) == 0) return status_t::SILENT;
   if ((identified_nodes_ >> node & 1U) != 0) return status_t::WELL;
   if (wrong_[node].node == 0) return status_t::UNIDENTIFIED;
@@ -339,6 +345,7 @@ std::vector<int> LimbBus::silent_nodes() const {
   for (int node = 1; node <= static_cast<int>(CRUX_CAN_NODES); ++node) {
     const bool force_torque_missing =
         node == static_cast<int>(CRUX_CAN_NODE_GRIPPER) && (answered_ >> kForceTorqueBit & 1U) == 0;
+    if ((nodes_ >> node & 1U) == 0) continue;
     if ((answered_ >> node & 1U) == 0 || force_torque_missing) nodes.push_back(node);
   }
   return nodes;
@@ -352,15 +359,17 @@ void LimbBus::fill(crux_msgs::control_input_t& input) const noexcept {
   const auto faults_of = [this](std::uint32_t node, int said) {
     return static_cast<std::int16_t>(disputed_[node] > 0 ? said | kFaultTwoSenders : said);
   };
-  for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
-    const std::size_t i = static_cast<std::size_t>(limb_) * CRUX_CAN_JOINTS + joint;
+  for (std::size_t slot = 0; slot < CRUX_CAN_JOINTS; ++slot) {
+    const std::size_t i = static_cast<std::size_t>(limb_) * CRUX_CAN_JOINTS + slot;
+    const std::size_t joint = std::min(slot, driven_ - 1);  // a slot without a joint is as well as the last one is
     const JointValues& values = joints_[joint];
     input.joint_fresh[i] = fresh(node_of_joint_[joint]);
     input.joint_state[i] = state_of(node_of_joint_[joint], values.state);
     input.joint_faults[i] = faults_of(node_of_joint_[joint], values.faults);
-    input.joint_position_rad[i] = values.position_rad;
-    input.joint_velocity_rad_s[i] = values.velocity_rad_s;
-    input.joint_torque_nm[i] = values.torque_Nm;
+    const double there = slot < driven_ ? 1.0 : 0.0;
+    input.joint_position_rad[i] = there * values.position_rad;
+    input.joint_velocity_rad_s[i] = there * values.velocity_rad_s;
+    input.joint_torque_nm[i] = there * values.torque_Nm;
   }
   input.gripper_fresh[limb_] = fresh(CRUX_CAN_NODE_GRIPPER);
   input.gripper_state[limb_] = state_of(CRUX_CAN_NODE_GRIPPER, gripper_.state);

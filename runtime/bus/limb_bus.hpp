@@ -66,13 +66,13 @@ class LimbBus {
 
   /// Every node has told this run who it is, and is the right one. Until then each heartbeat asks one of the others, in
   /// turn. Who was silent for longer than silent_cycles, or has restarted, is asked again.
-  [[nodiscard]] bool identified() const noexcept { return identified_nodes_ == kAllNodes; }
+  [[nodiscard]] bool identified() const noexcept { return (nodes_ & ~identified_nodes_) == 0; }
 
-  /// What is known of a node (1..7), as in status_t.
+  /// What is known of a node (1..7), as in status_t; one that the limb does not have is well.
   [[nodiscard]] std::int8_t node_state(std::uint8_t node) const noexcept;
 
-  /// All seven nodes and the F/T sensor have answered the awaited cycle.
-  [[nodiscard]] bool complete() const noexcept { return answered_ == kAllAnswered; }
+  /// All nodes and the F/T sensor have answered the awaited cycle.
+  [[nodiscard]] bool complete() const noexcept { return ((nodes_ | 1U << kForceTorqueBit) & ~answered_) == 0; }
 
   /// Somebody else has sent commands or Syncs since the last pack_cycle.
   [[nodiscard]] bool foreign_host() const noexcept { return foreign_host_; }
@@ -92,7 +92,6 @@ class LimbBus {
 
  private:
   static constexpr std::uint32_t kForceTorqueBit = 0;  // bits 1..7 are the nodes
-  static constexpr std::uint32_t kAllAnswered = 0xff, kAllNodes = kAllAnswered & ~(1U << kForceTorqueBit);
   static constexpr std::size_t kMaxFrames = 2 + CRUX_CAN_NODES;
 
   Frame& next(std::uint32_t id, std::uint8_t length) noexcept;
@@ -130,6 +129,8 @@ class LimbBus {
   };
 
   int limb_;
+  std::size_t driven_;       ///< joints of this limb
+  std::uint32_t nodes_ = 0;  ///< of this limb
   std::array<std::uint8_t, CRUX_CAN_JOINTS> node_of_joint_{};
   std::array<int, CRUX_CAN_NODES + 1> joint_of_node_{};
   std::array<float, CRUX_CAN_JOINTS> kp_Nm_rad_{}, kd_Nms_rad_{};

@@ -40,7 +40,7 @@ void LimbBus::add_heartbeat(const HostHeartbeat& heartbeat) noexcept {
   message.uptime_ms = heartbeat.uptime_ms;
   for (std::size_t n = 0; n < CRUX_CAN_NODES && message.identify == 0 && !identified(); ++n) {
     asked_node_ = static_cast<std::uint8_t>(asked_node_ % CRUX_CAN_NODES + 1);
-    if ((identified_nodes_ >> asked_node_ & 1U) == 0) message.identify = asked_node_;
+    if ((nodes_ & ~identified_nodes_) >> asked_node_ & 1U) message.identify = asked_node_;
   }
   crux_can_host_heartbeat_pack(frame.data.data(), &message, frame.length);
   protect(frame);
@@ -53,7 +53,7 @@ std::span<const Frame> LimbBus::pack_wake_up() noexcept {
 }
 
 void LimbBus::add_commands(const crux_msgs::control_output_t& output) noexcept {
-  for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
+  for (std::size_t joint = 0; joint < driven_; ++joint) {
     const std::size_t i = static_cast<std::size_t>(limb_) * CRUX_CAN_JOINTS + joint;
     Frame& frame = next(CRUX_CAN_ID_JOINT_COMMAND(node_of_joint_[joint]), CRUX_CAN_LENGTH_JOINT_COMMAND);
     crux_can_joint_command_t command{};
@@ -84,7 +84,7 @@ void LimbBus::add_broadcast(const crux_msgs::control_output_t& output, std::uint
   crux_can_broadcast_header_t header{};
   header.cycle = static_cast<std::uint16_t>(cycle);
   crux_can_broadcast_header_pack(frame.data.data(), &header, CRUX_CAN_LENGTH_BROADCAST_HEADER);
-  for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
+  for (std::size_t joint = 0; joint < driven_; ++joint) {
     const std::size_t i = static_cast<std::size_t>(limb_) * CRUX_CAN_JOINTS + joint;
     crux_can_broadcast_joint_t command{};
     command.mode = static_cast<std::uint8_t>(output.joint_mode[i]);

@@ -172,7 +172,7 @@ OF_ROBOT_YAML = [
     _yaml("one bus twice", "RF: {bus: 1", "RF: {bus: 0", "limbs.RF.bus: 0", "a bus of its own"),
     _yaml("one prefix twice", "prefix: RF", "prefix: LF", 'limbs.RF.prefix: "LF"', "a prefix of its own"),
     _yaml("unknown prefix", "prefix: LF", "prefix: XX", "link XX_gripper", "no such link"),
-    _yaml("five joints", "joint5, joint6]", "joint5]", "limb.joints", "expected a list of 6 names"),
+    _yaml("three joints", "joint4, joint5, joint6]", "]", "limb.joints", "expected a list of 4 to 7 names"),
     _yaml("joints swapped", "[joint1, joint2,", "[joint2, joint1,", "can.nodes.joint2", "expected 1"),
     _yaml("node number", "joint3: 3", "joint3: 4", "can.nodes.joint3: 4", "expected 3"),
     _yaml("gripper's number", "gripper: 7", "gripper: 8", "can.nodes.gripper: 8", "expected 7"),

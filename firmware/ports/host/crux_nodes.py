@@ -11,6 +11,7 @@ import numpy.typing as npt
 from crux_contracts import LIMB_NAMES, node_parameters
 from crux_contracts.robot import Robot
 from crux_contracts.robot_bounds import JOINTS as JOINTS_PER_LIMB
+from crux_contracts.robot_types import of_slots
 
 LIMBS = len(LIMB_NAMES)
 JOINTS = LIMBS * JOINTS_PER_LIMB
@@ -55,7 +56,7 @@ class NodesError(Exception):
 
 
 def joint_parameters(robot: Robot) -> list[JointParameters]:
-    """Parameters of the 24 joint nodes, limb-major, from the robot description."""
+    """Parameters of the 24 joint nodes, limb-major; a node without a joint has those of the limb's last one."""
     servo = robot.servo
     return [
         JointParameters(
@@ -63,8 +64,8 @@ def joint_parameters(robot: Robot) -> list[JointParameters]:
             position_max_rad=joint.upper,
             velocity_limit_rad_s=joint.velocity,
             torque_limit_Nm=joint.effort,
-            position_gain_Nm_rad=servo.position_gain_Nm_rad[index],
-            velocity_gain_Nms_rad=servo.velocity_gain_Nms_rad[index],
+            position_gain_Nm_rad=position_gain,
+            velocity_gain_Nms_rad=velocity_gain,
             setpoint_time_constant_s=servo.setpoint_time_constant_s,
             max_deceleration_rad_s2=servo.max_deceleration_rad_s2,
             temperature_limit_degC=servo.temperature_limit_degC,
@@ -72,7 +73,12 @@ def joint_parameters(robot: Robot) -> list[JointParameters]:
             watchdog_cycles=robot.can.watchdog_cycles,
         )
         for limb in robot.limbs
-        for index, joint in enumerate(limb.joints)
+        for joint, position_gain, velocity_gain in zip(
+            of_slots(limb.joints),
+            of_slots(servo.position_gain_Nm_rad),
+            of_slots(servo.velocity_gain_Nms_rad),
+            strict=True,
+        )
     ]
 
 

@@ -7,6 +7,7 @@ import math
 
 from crux_contracts.motors import finger_current_A, flux_Wb, joint_current_A, of_both_fingers
 from crux_contracts.robot import Robot
+from crux_contracts.robot_types import of_slots
 from crux_msgs.robot_keys import Machine
 
 BANDWIDTH_OF_SWING = 25.0  # of a gripper's current loop, against the frequency its fingers swing with
@@ -92,7 +93,7 @@ def joint_drive_parameters(robot: Robot) -> list[JointDriveParameters]:
             gear=GearParameters(ratio=motor.gear_ratio, efficiency=motor.gear_efficiency),
         )
         for limb in robot.limbs
-        for joint in limb.joints
+        for joint in of_slots(limb.joints)
     ]
 
 

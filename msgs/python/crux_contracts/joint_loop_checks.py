@@ -51,20 +51,21 @@ def _loops_and_margins(robot: Robot) -> Iterator[tuple[JointLoops, Array]]:
     before: list[Array] = []
     for limb in robot.limbs:
         loops = joint_loops(robot, limb, np.array(list(postures(limb))))
-        if not any(np.allclose(loops.inertia, other, rtol=1e-9, atol=1e-12) for other in before):
+        alike = (other for other in before if other.shape == loops.inertia.shape)
+        if not any(np.allclose(loops.inertia, other, rtol=1e-9, atol=1e-12) for other in alike):
             before.append(loops.inertia)
             yield loops, loops.delay_margins_s()
 
 
 def joint_loops(robot: Robot, limb: Limb, postures_rad: Array) -> JointLoops:
-    """Of a limb with its joints at `postures_rad` (n, 6)."""
-    servo = robot.servo
+    """Of a limb with its joints at `postures_rad` (n, J)."""
+    servo, own = robot.servo, len(limb.joints)
     inertias = np.array([joint_inertia(robot.urdf, limb, q_rad) for q_rad in postures_rad])
     return JointLoops(
-        inertias + np.diag(servo.armature_kg_m2),
-        np.array(servo.position_gain_Nm_rad),
-        np.array(servo.velocity_gain_Nms_rad),
-        np.array(servo.damping_Nms_rad),
+        inertias + np.diag(servo.armature_kg_m2[:own]),
+        np.array(servo.position_gain_Nm_rad[:own]),
+        np.array(servo.velocity_gain_Nms_rad[:own]),
+        np.array(servo.damping_Nms_rad[:own]),
         servo.torque_time_constant_s,
     )
 
@@ -86,16 +87,16 @@ def _other_gains(loops: JointLoops, worst: int, needed_s: float) -> JointLoops |
 
 @dataclass(frozen=True)
 class JointLoops:
-    """Position loops of six joints, in several postures or with several gains (n)."""
+    """Position loops of a limb's joints, in several postures or with several gains (n)."""
 
     inertia: Array
-    """(n, 6, 6) or (6, 6) with rotors [kg m²]"""
+    """(n, J, J) or (J, J) with rotors [kg m²]"""
     position: Array
-    """gains k_p, (n, 6) or (6,)"""
+    """gains k_p, (n, J) or (J,)"""
     velocity: Array
     """gains k_d, as well"""
     damping: Array
-    """(6,) viscous friction b"""
+    """(J,) viscous friction b"""
     lag_s: float
     """T of the torque"""
 
@@ -116,7 +117,7 @@ class JointLoops:
         return np.asarray(margins_s.min(axis=1))
 
     def _eigenvalues(self, omega_1_s: Array) -> NDArray[np.complex128]:
-        """(n, 6) the k-th largest eigenvalue of each loop at the k-th of its frequencies `omega_1_s` (n, 6)."""
+        """(n, J) the k-th largest eigenvalue of each loop at the k-th of its frequencies `omega_1_s` (n, J)."""
         s = 1j * omega_1_s[:, :, None, None]
         each = np.eye(len(self.damping))
         plant = self.inertia[..., None, :, :] * s * s + self.damping * each * s
@@ -127,20 +128,21 @@ class JointLoops:
 
 
 def postures(limb: Limb) -> Iterator[Array]:
-    """(6,) angles of a limb's joints, as they count them, in the air: elbow and wrist pitch at their ends and half-way,
+    """(J,) angles of a limb's joints, as they count them, in the air: elbow and wrist pitch at their ends and half-way,
     wrist roll half-way and at one end; what turns the limb as a whole, or its gripper, changes its inertia little and
     is half-way.
     """
     low, high = (np.array([getattr(joint, end) for joint in limb.joints]) for end in ("lower", "upper"))
     middle = (low + high) / 2
-    for shares in itertools.product((0.0, 0.5, 1.0), (0.0, 0.5, 1.0), (0.5, 1.0)):
-        q_rad = middle.copy()
-        q_rad[2:5] = low[2:5] + np.array(shares) * (high[2:5] - low[2:5])
+    tried = ((0.0, 0.5, 1.0), (0.0, 0.5, 1.0), (0.5, 1.0))
+    for shares in itertools.product(*tried[: len(middle) - 2]):
+        q_rad, at = middle.copy(), slice(2, 2 + len(shares))
+        q_rad[at] = low[at] + np.array(shares) * (high[at] - low[at])
         yield q_rad
 
 
 def joint_inertia(urdf: Urdf, limb: Limb, q_rad: Array) -> Array:
-    """(6, 6) mass matrix [kg m²] of a limb on a body that stands still, its fingers closed."""
+    """(J, J) mass matrix [kg m²] of a limb on a body that stands still, its fingers closed."""
     turn, origin = np.eye(3), np.zeros(3)
     axes, origins = np.zeros((3, len(q_rad))), np.zeros((3, len(q_rad)))
     mass = np.zeros((len(q_rad), len(q_rad)))

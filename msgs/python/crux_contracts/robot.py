@@ -18,10 +18,12 @@ from .gain_checks import gain_problems
 from .joint_loop_checks import joint_loop_problems
 from .motor_checks import motor_problems
 from .places import MSGS
+from .robot_bounds import JOINTS
 from .robot_meaning import robot_meaning
 from .robot_rules import Chain, RobotRules, have_closed_form
 from .robot_types import Array, AtZero, Limb, Robot
 from .robot_yaml import RobotYaml
+from .still_turns import CANNOT_PLACE, completed
 from .urdf import Urdf, parse_xml, read_urdf, rotation
 from .yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
@@ -159,7 +161,9 @@ def full_name(name: str, prefix: str) -> str:
 
 
 def _limbs(rules: RobotRules, file: RobotYaml) -> tuple[Limb, ...] | None:
-    """None where a limb has other joints than robot.yaml says; what is wrong is among the rules' problems."""
+    """None where a limb has other joints than robot.yaml says, or joints that place no gripper; what is wrong is among
+    the rules' problems.
+    """
     if not rules.check_tree():
         return None
     chains: dict[str, Chain] = {}
@@ -179,9 +183,17 @@ def _limbs(rules: RobotRules, file: RobotYaml) -> tuple[Limb, ...] | None:
     joints += [rules.urdf.joints[finger] for both in fingers.values() for finger in both]
     rules.check_bodies(joints, [chain.gripper_link for chain in chains.values()])
     rules.check_sides(chains)
-    closed_form = have_closed_form(chains)
-    limbs = (_limb(rules.urdf, name, file.limbs[name]["bus"], chains[name], fingers[name]) for name in chains)
-    return tuple(limb if closed_form else _without_closed_form(limb) for limb in limbs)
+    limbs = [_limb(rules.urdf, name, file.limbs[name]["bus"], chains[name], fingers[name]) for name in chains]
+    if have_closed_form(chains):
+        return tuple(limbs)
+    slots = max(JOINTS, *(len(limb.joints) for limb in limbs))
+    whole = []
+    for limb in limbs:
+        if (made := completed(_without_closed_form(limb), slots)) is None:
+            rules.note(f"limb {limb.name}", "", CANNOT_PLACE)
+        else:
+            whole.append(made)
+    return tuple(whole) if len(whole) == len(limbs) else None
 
 
 def _without_closed_form(limb: Limb) -> Limb:

@@ -1,5 +1,5 @@
-"""What planner and runtime stand on beyond the form of a URDF: a tree of bodies with masses, four limbs of six revolute
-joints, fingers that close along the gripper's x; and which limbs have closed-form kinematics.
+"""What planner and runtime stand on beyond the form of a URDF: a tree of bodies with masses, four limbs of four to
+seven revolute joints, fingers that close along the gripper's x; and which limbs have closed-form kinematics.
 
 The runtime has the same rules in the same order (runtime/core/robot/robot_rules.cpp), and names the first that is
 broken; tests/cross/test_robot_verdicts.py holds both to one verdict.
@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain as one_after_another
+from itertools import repeat
 
 import numpy as np
 
@@ -96,12 +98,13 @@ class RobotRules:
             return None
         chain = self.urdf.chain(self.body_link, gripper_link)
         moving = [joint for joint in chain if joint.kind != "fixed"]
-        if [joint.name for joint in moving] != list(names):
+        if not moving or [joint.name for joint in moving] != list(names[: max(len(moving), bounds.LEAST_JOINTS)]):
             found = ", ".join(joint.name for joint in moving)
-            self.note(f"limb {limb}", found, f"expected the joints {', '.join(names)} from the body outwards")
+            fewer = f", or the first {bounds.LEAST_JOINTS} or more of them" if len(names) > bounds.LEAST_JOINTS else ""
+            self.note(f"limb {limb}", found, f"expected the joints {', '.join(names)} from the body outwards{fewer}")
             return None
         if chain[-1].kind != "fixed":
-            self.note(f"limb {limb}", "", f"expected {bounds.JOINTS} joints and then the fixed mount of the gripper")
+            self.note(f"limb {limb}", "", f"expected {len(moving)} joints and then the fixed mount of the gripper")
             return None
         for joint in moving:
             if not self._is_wrong(joint) and joint.kind != "revolute":
@@ -157,7 +160,9 @@ class RobotRules:
 def have_closed_form(chains: Mapping[str, Chain]) -> bool:
     """Whether all limbs have the form that closed-form kinematics needs, and are mirror images of the first."""
     first = next(iter(chains.values())).steps
-    return all(_has_closed_form(chain.steps) and _mirrored(first, limb, chain.steps) for limb, chain in chains.items())
+    if any(len(chain.steps) != bounds.JOINTS + 1 for chain in chains.values()):
+        return False
+    return all(_has_closed_form(each.steps) and _mirrored(first, limb, each.steps) for limb, each in chains.items())
 
 
 def _has_closed_form(steps: Sequence[Step]) -> bool:
@@ -200,7 +205,7 @@ def _mirrored(first: Sequence[Step], limb: str, steps: Sequence[Step]) -> bool:
 
 def _steps(chain: Sequence[Joint]) -> Iterable[Step]:
     """The joints that move, and all fixed ones behind the last of them as one; those in between move the next joint."""
-    axes = iter(bounds.JOINT_AXES)
+    axes = one_after_another(bounds.JOINT_AXES, repeat(FINGER_AXES[0]))  # a seventh joint has no sense
     place, turn = np.zeros(3), np.eye(3)
     fixed = 0
     for index, joint in enumerate(chain):

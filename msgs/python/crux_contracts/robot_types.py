@@ -2,35 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from crux_msgs.robot_keys import Sections
 from numpy.typing import NDArray
 
+from .robot_bounds import JOINTS, MAX_EFFORT, STILL_RAD
 from .urdf import Joint, Urdf
 
 Array = NDArray[np.float64]
 
 
+T = TypeVar("T")
+
+
+def of_slots(values: Sequence[T]) -> tuple[T, ...]:
+    """Of each of the slots that messages, buses and physics have for a limb: values of its joints, then the last one's
+    for slots without a joint. Raises ValueError for limbs of more joints than there are slots.
+    """
+    if len(values) > JOINTS:
+        raise ValueError(f"limbs of {len(values)} joints are planned for, not driven: expected at most {JOINTS}")
+    return (*values, *[values[-1]] * (JOINTS - len(values)))
+
+
 @dataclass(frozen=True)
 class AtZero:
-    """A limb with all its joints at 0, in the body frame: all that kinematics needs of a chain of revolute joints."""
+    """A limb with all its joints at 0, in the body frame: all that kinematics needs of a chain of revolute joints.
+
+    S is 6, or 7 where a limb of the robot has so many joints: behind a limb's own joints come turns about axes of the
+    gripper, through its origin, that it has no joint for. They stay at 0.
+    """
 
     axes: Array
-    """(6, 3) unit vectors."""
+    """(S, 3) unit vectors; zero where there is nothing more to turn."""
     points_m: Array
-    """(6, 3), one on each axis: the origin of the link behind the joint,"""
+    """(S, 3), one on each axis: the origin of the link behind the joint,"""
     rotations: Array
-    """(6, 3, 3) and how that link is turned."""
+    """(S, 3, 3) and how that link is turned."""
     gripper_m: Array
     gripper_rotation: Array
 
 
 @dataclass(frozen=True)
 class Limb:
-    """One limb as YAML and URDF describe it together; SI units. Arrays have one value a joint, shoulder outwards.
+    """One limb as YAML and URDF describe it together; SI units. Arrays have one value a joint, shoulder outwards, and
+    one for each turn that stays at 0 (see AtZero).
 
     Angles are those of the closed form, about the axes of robot_bounds.JOINT_AXES; joints count them times `senses`.
     Where there is no closed form they are the joints' own, and the lengths below are only how large the limb is.
@@ -42,7 +62,7 @@ class Limb:
     gripper_link: str
     finger_joints: tuple[str, str]
     senses: Array
-    """(6,) -1 for joints that turn against the axis of the closed form, else 1."""
+    """(S,) -1 for joints that turn against the axis of the closed form, else 1."""
     shoulder_b_m: Array
     """(3,) where the first three axes start, body frame."""
     mount_rad: float
@@ -66,16 +86,23 @@ class Limb:
         return tuple(joint.name for joint in self.joints)
 
     @property
+    def still(self) -> int:
+        """How many turns stay at 0, behind the joints."""
+        return len(self.at_zero.axes) - len(self.joints)
+
+    @property
     def lower_rad(self) -> Array:
-        """(6,)"""
-        ends = zip(self.joints, self.senses, strict=True)
-        return np.array([joint.lower if sense > 0 else -joint.upper for joint, sense in ends])
+        """(S,)"""
+        ends = zip(self.joints, self.senses, strict=False)
+        own = [joint.lower if sense > 0 else -joint.upper for joint, sense in ends]
+        return np.array([*own, *[-STILL_RAD] * self.still])
 
     @property
     def upper_rad(self) -> Array:
-        """(6,)"""
-        ends = zip(self.joints, self.senses, strict=True)
-        return np.array([joint.upper if sense > 0 else -joint.lower for joint, sense in ends])
+        """(S,)"""
+        ends = zip(self.joints, self.senses, strict=False)
+        own = [joint.upper if sense > 0 else -joint.lower for joint, sense in ends]
+        return np.array([*own, *[STILL_RAD] * self.still])
 
     @property
     def longest_m(self) -> float:
@@ -85,8 +112,8 @@ class Limb:
 
     @property
     def effort_Nm(self) -> Array:
-        """(6,) peak torque."""
-        return np.array([joint.effort for joint in self.joints])
+        """(S,) peak torque."""
+        return np.array([*(joint.effort for joint in self.joints), *[MAX_EFFORT] * self.still])
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from crux_msgs.robot_keys import SECTIONS, InUrdf, OfLimb, Top
 
 from . import LIMB_NAMES
 from .records import Key, Records, keys_of
-from .robot_bounds import JOINTS
+from .robot_bounds import JOINTS, LEAST_JOINTS, MOST_JOINTS
 from .yaml_document import DocumentError, Node
 
 
@@ -49,12 +49,17 @@ class RobotYaml(Records):
             read[name] = values
         return read
 
+    def value(self, key: Key, node: Node, place: str = "") -> Any:
+        """What a key holds; a number for each joint that section `limb` names."""
+        if key.type != tuple[float, ...]:
+            return super().value(key, node, place)
+        count = len(self._joints) or (len(node.content) if isinstance(node.content, list) else JOINTS)
+        return self.check.numbers(node, count, key.low, key.high, key.unit)
+
     def vector(self, node: Node, bounds: Key, count: int, place: str) -> tuple[float, ...]:
-        """A number for each joint, or the two of an interval."""
+        """The two numbers of an interval."""
         before = len(self.check.problems)
         numbers = super().vector(node, bounds, count, place)
-        if count == JOINTS:
-            return numbers
         low, high = (number + 0.0 for number in numbers)  # -0 is 0
         if len(self.check.problems) == before and not low < high:
             self.check.note_at(node, "", f"[{low:g}, {high:g}]", "expected [low, high] with low below high")
@@ -67,27 +72,33 @@ class RobotYaml(Records):
         return text
 
     def joints(self, node: Node) -> tuple[str, ...]:
-        names = self._names(node, JOINTS)
+        names = self._names(node, LEAST_JOINTS, MOST_JOINTS)
         self._joints = names if all(names) else ()
         return names
 
     def finger_joints(self, node: Node) -> tuple[str, ...]:
-        return self._names(node, 2)
+        return self._names(node, 2, 2)
 
-    def _names(self, node: Node, count: int) -> tuple[str, ...]:
-        if not isinstance(node.content, list) or len(node.content) != count:
-            self.check.note(node, f"expected a list of {count} names")
+    def _names(self, node: Node, least: int, most: int) -> tuple[str, ...]:
+        if not isinstance(node.content, list) or not least <= len(node.content) <= most:
+            self.check.note(node, f"expected a list of {least} {f'to {most} ' if most > least else ''}names")
             return ()
         return tuple(self.check.text(item) for item in node.content)
 
     def nodes(self, node: Node) -> dict[str, int]:
-        """Numbers on the bus, which the CAN database fixes: from the shoulder outwards, the gripper last."""
+        """Numbers on the bus, which the CAN database fixes: from the shoulder outwards; the gripper's is always one."""
         if not self._joints:
             return {}
-        names = (*self._joints, "gripper")
-        members = self.check.members(node, names)
-        for number, name in enumerate(names, start=1):
+        numbers = node_numbers(self._joints)
+        members = self.check.members(node, list(numbers))
+        for name, number in numbers.items():
             given = members[name].content if name in members else number
             if given != number or isinstance(given, (bool, float)):
                 self.check.note(members[name], f"expected {number}: nodes count from the shoulder outwards")
-        return {name: number for number, name in enumerate(names, start=1)}
+        return numbers
+
+
+def node_numbers(joints: Sequence[str]) -> dict[str, int]:
+    """On a limb's bus: joints count from 1, and leave out the gripper's."""
+    free = (number for number in range(1, MOST_JOINTS + 2) if number != JOINTS + 1)
+    return {**dict(zip(joints, free, strict=False)), "gripper": JOINTS + 1}

@@ -207,6 +207,17 @@ def _postures(arm: Arm) -> tuple[Array, _Poses]:
     return postures, _Poses(*arm.forward(postures)[:2])
 
 
+@lru_cache(maxsize=16)
+def _spare(arm: Arm) -> Array:
+    """(J - 6, J) what leaves the end at rest in the middle of the joints' ranges. Of the angles of seven joints those
+    count that are none of it off the middle.
+    """
+    middle = 0.5 * (arm.lower_rad + arm.upper_rad)[:, None]
+    position, _, origins, axes = arm.forward(middle)
+    _, _, ways = np.linalg.svd(jacobian(position, origins, axes)[..., 0])
+    return np.asarray(ways[6:])
+
+
 def _evenly_spread(count: int, dimension: int) -> Array:
     """Low-discrepancy points (count, dimension) of the unit cube: multiples of powers of 1/phi_d, modulo 1, with phi_d
     the positive root of x^(d + 1) = x + 1 (Roberts 2018).
@@ -242,9 +253,13 @@ def _descend(arm: Arm, start: Array, poses: _Poses) -> tuple[Array, Array]:
     left = np.full((2, q.shape[1]), np.inf)
     active = np.arange(q.shape[1])
     weight = np.array([1.0, 1.0, 1.0, ROTATION_LENGTH_M, ROTATION_LENGTH_M, ROTATION_LENGTH_M])[:, None, None]
+    spare = ROTATION_LENGTH_M * _spare(arm) if len(q) > 6 else np.zeros((0, len(q)))
+    middle = 0.5 * (arm.lower_rad + arm.upper_rad)[:, None]
     for iteration in range(ITERATIONS):
         position, columns, origins, axes = arm.forward(angles)
         error = _pose_error(_Poses(position, columns), poses)
+        if len(spare):
+            error = np.concatenate([error, spare @ (middle - angles)])
         squares = error * error
         left[:, active] = now = np.sqrt([squares[:3].sum(axis=0), squares[3:].sum(axis=0)])
         moving = np.flatnonzero(now.max(axis=0) > CONVERGED_M)
@@ -255,11 +270,13 @@ def _descend(arm: Arm, start: Array, poses: _Poses) -> tuple[Array, Array]:
             position, origins, axes = position[:, moving], origins[..., moving], axes[..., moving]
             error, squares = error[:, moving], squares[:, moving]
         by_angle = weight * jacobian(position, origins, axes)
+        if len(spare):
+            by_angle = np.concatenate([by_angle, np.broadcast_to(spare[..., None], (*spare.shape, len(moving)))])
         normal = np.einsum("ijn,kjn->ikn", by_angle, by_angle)
-        normal[range(6), range(6)] += 0.01 * squares.sum(axis=0) + 1e-12
+        every = range(len(normal))
+        normal[every, every] += 0.01 * squares.sum(axis=0) + 1e-12
         step = np.einsum("ijn,in->jn", by_angle, solved(normal, error))
         size = np.abs(step).max(axis=0)
         angles = angles + step * np.minimum(1.0, MAX_STEP_RAD / np.maximum(size, 1e-12))
         q[:, active] = angles
-    middle = 0.5 * (arm.lower_rad + arm.upper_rad)[:, None]
     return middle + (q - middle + np.pi) % (2.0 * np.pi) - np.pi, left

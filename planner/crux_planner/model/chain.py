@@ -1,8 +1,12 @@
-"""Kinematics of a limb of any six revolute joints, for many grippers at once: forward, and numeric inverse on a branch.
+"""Kinematics of a limb of any revolute joints, for many grippers at once: forward, and numeric inverse on a branch.
 
 A pose may have several solutions. The branch is the one that connects to the limb's posture, the middle of its joint
-limits, with no singular posture in between: the sign of det J stays. Postures near a lattice of upright grippers are
-found once a limb, each from a neighbour's, and kept; any pose starts from the nearest of them, by Newton's method.
+limits, with no singular posture in between: the sign of det J stays. Of limbs of fewer than six joints J has the turns
+that they lack (crux_contracts.still_turns), which are no angles of theirs but what a pose misses. Of seven joints those
+angles count that are least far from the posture, to first order there: J has a row for it.
+
+Postures near a lattice of upright grippers are found once a limb, each from a neighbour's, and kept; any pose starts
+from the nearest of them, by Newton's method.
 
 Arrays of many poses have the pose last: vectors (3, n), rotations (3, 3, n) by row and column.
 """
@@ -22,9 +26,11 @@ from crux_planner.model.arrays import Array, Flags, Indices
 STEP_M, STEP_RAD = 0.05, 0.35  # of the lattice
 SEEDS, NEAREST = 4096, 24  # postures, and how many of them a first pose is looked for from
 BEYOND_RAD = 0.3  # that lattice postures may be beyond joint limits: poses near them start there
+FREE_RAD = 0.9  # that lattice postures may be turned in ways in which a limb has no joint
 LARGEST_STEP_RAD = 0.5  # of Newton's method
 FARTHEST_RAD = 1.2  # between neighbours' angles: more is another branch
 CLOSE = 1e-9  # [m] and [rad] off a pose that is reached
+POSE = 6  # numbers of a pose
 ITERATIONS, MOST_ITERATIONS = 7, 48  # from a neighbour, and from far away
 _DAMPING = 1e-10  # of the inverse Jacobian where a pose is reached
 _DAMPED = 1e-3  # and where it is not
@@ -32,8 +38,8 @@ _DAMPED = 1e-3  # and where it is not
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Of a chain at n postures: its joints' axes and points on them (6, 3, n), links' rotations relative to those at
-    zero (6, 3, 3, n), the gripper's place (3, n) and rotation (3, 3, n).
+    """Of a chain at n postures: its joints' axes and points on them (S, 3, n), links' rotations relative to those at
+    zero (S, 3, 3, n), the gripper's place (3, n) and rotation (3, 3, n).
     """
 
     axes: Array
@@ -43,14 +49,14 @@ class Placed:
     rotation: Array
 
     def jacobian(self) -> Array:
-        """(n, 6, 6) of the gripper: rows v, omega."""
+        """(n, 6, S) of the gripper: rows v, omega."""
         arm = self.gripper_m - self.points_m
         linear = np.stack([_cross(axis, off) for axis, off in zip(self.axes, arm, strict=True)])
         return np.ascontiguousarray(np.concatenate([linear, self.axes], axis=1).transpose(2, 1, 0))
 
 
 def forward(at_zero: AtZero, q_rad: Array) -> Placed:
-    """Of joint angles (n, 6)."""
+    """Of joint angles (n, S)."""
     count = len(q_rad)
     turn = np.broadcast_to(np.eye(3)[..., None], (3, 3, count))
     place = np.zeros((3, count))
@@ -89,8 +95,21 @@ class ChainInverse:
 
     @cached_property
     def middle_rad(self) -> Array:
-        """(6,) the posture whose branch it is."""
+        """(S,) the posture whose branch it is."""
         return (self.limb.lower_rad + self.limb.upper_rad) / 2
+
+    @cached_property
+    def _free_rad(self) -> tuple[Array, Array]:
+        """(S,), (S,) limits of the joints, and how far poses of the lattice may be turned in other ways."""
+        low, high, own = self.limb.lower_rad, self.limb.upper_rad, len(self.limb.joints)
+        low[own:], high[own:] = -FREE_RAD, FREE_RAD
+        return low, high
+
+    @cached_property
+    def _rule(self) -> Array:
+        """(S - 6, S) what leaves the gripper at rest in the posture: angles are none of it off that."""
+        _, _, ways = np.linalg.svd(forward(self.limb.at_zero, self.middle_rad[None]).jacobian()[0])
+        return np.asarray(ways[POSE:])
 
     @cached_property
     def sign(self) -> float:
@@ -113,7 +132,7 @@ class ChainInverse:
 
     @cached_property
     def _lattice(self) -> Array:
-        """(x, y, z, yaw, 6) angles of upright grippers; NaN where the branch has none nearby."""
+        """(x, y, z, yaw, S) angles of upright grippers; NaN where the branch has none nearby."""
         name = "postures", self.limb.at_zero, self.limb.lower_rad, self.limb.upper_rad
         lattice: Array = kept.arrays(__file__, name, lambda: {"q": _spread(self._postures())})["q"]
         return lattice
@@ -122,7 +141,7 @@ class ChainInverse:
         """The lattice, node by node from those found first."""
         side = 2 * self._half + 1
         shape = (side, side, side, self._turns)
-        found = np.full((*shape, 6), np.nan)
+        found = np.full((*shape, len(self.middle_rad)), np.nan)
         tried = np.zeros(shape, dtype=bool)
         front = self._first(found, tried)
         steps = [each for axis in range(4) for each in (np.eye(4, dtype=int)[axis], -np.eye(4, dtype=int)[axis])]
@@ -151,10 +170,10 @@ class ChainInverse:
 
     def _first(self, found: Array, tried: Flags) -> Indices:
         """Nodes (n, 4) near the grippers of postures that connect to the middle one straight away."""
-        low, high = self.limb.lower_rad, self.limb.upper_rad
-        seeds = low + _evenly_spread(SEEDS, 6) * (high - low)
+        low, high = self._free_rad
+        seeds = self.limb.lower_rad + _evenly_spread(SEEDS, len(low)) * (self.limb.upper_rad - self.limb.lower_rad)
         shares = np.linspace(0.0, 1.0, 12)[:, None, None]
-        way = (self.middle_rad + shares * (seeds - self.middle_rad)).reshape(-1, 6)
+        way = (self.middle_rad + shares * (seeds - self.middle_rad)).reshape(-1, len(low))
         same = (np.sign(np.linalg.det(self._jacobian(way))) == self.sign).reshape(len(shares), -1).all(axis=0)
         seeds = seeds[same]
         placed = forward(self.limb.at_zero, seeds)
@@ -163,14 +182,14 @@ class ChainInverse:
         node = self._nearest(place, turn)
         q, ok = self._solved(seeds, *self._poses(node), damped=True)
         ok &= ((q >= low) & (q <= high)).all(axis=1)
-        way = (self.middle_rad + shares * (q - self.middle_rad)).reshape(-1, 6)
+        way = (self.middle_rad + shares * (q - self.middle_rad)).reshape(-1, len(low))
         ok &= (np.sign(np.linalg.det(self._jacobian(way))) == self.sign).reshape(len(shares), -1).all(axis=0)
         found[tuple(node[ok].T)] = q[ok]
         tried[tuple(node[ok].T)] = True
         return np.unique(node[ok], axis=0)
 
     def inverse(self, position_b_m: Array, rotation_b: Array) -> tuple[Array, Flags]:
-        """Angles (..., 6) of poses (..., 3), (..., 3, 3), and whether they are reached on the branch (...)."""
+        """Angles (..., S) of poses (..., 3), (..., 3, 3), and whether they are reached on the branch (...)."""
         shape = np.broadcast_shapes(position_b_m.shape[:-1], rotation_b.shape[:-2])
         place = np.broadcast_to(position_b_m, (*shape, 3)).reshape(-1, 3).T
         turn = np.broadcast_to(rotation_b, (*shape, 3, 3)).reshape(-1, 3, 3).transpose(1, 2, 0)
@@ -179,26 +198,28 @@ class ChainInverse:
         q = np.tile(self.middle_rad, (place.shape[1], 1))
         reached = np.zeros(len(q), dtype=bool)
         q[known], reached[known] = self._solved(start[known], place[:, known], turn[..., known])
-        return q.reshape(*shape, 6), reached.reshape(shape)
+        return q.reshape(*shape, len(self.middle_rad)), reached.reshape(shape)
 
     def seeds(self, q_rad: Array, reached: Flags) -> Array:
-        """(n, 42) what smooth kinematics near solutions (n, 6) start from: the angles and the inverse Jacobians."""
+        """(n, 7 S) what smooth kinematics near solutions (n, S) start from: the angles and the inverse Jacobians."""
         jacobian = self._jacobian(q_rad)
-        damping = np.where(reached, _DAMPING, _DAMPED)[:, None, None] * np.eye(6)
+        damping = np.where(reached, _DAMPING, _DAMPED)[:, None, None] * np.eye(q_rad.shape[1])
         back = np.swapaxes(jacobian, 1, 2)
-        inverse = back @ np.linalg.inv(jacobian @ back + damping)
-        return np.concatenate([q_rad, inverse.reshape(-1, 36)], axis=1)
+        inverse = (back @ np.linalg.inv(jacobian @ back + damping))[..., :POSE]
+        return np.concatenate([q_rad, inverse.reshape(len(q_rad), POSE * q_rad.shape[1])], axis=1)
 
     def _solved(self, start: Array, place: Array, turn: Array, *, damped: bool = False) -> tuple[Array, Flags]:
-        """Angles (n, 6), and whether they have the pose and are on the branch."""
+        """Angles (n, S), and whether they have the pose and are on the branch."""
         q, reached = start.copy(), np.zeros(len(start), dtype=bool)
         active = np.arange(len(q))
         for _ in range(MOST_ITERATIONS if damped else ITERATIONS):
             placed = forward(self.limb.at_zero, q[active])
             error = pose_error(placed, place[:, active], turn[..., active])
+            if len(self._rule):
+                error = np.concatenate([error, self._rule @ (self.middle_rad - q[active]).T])
             facing = (placed.rotation * turn[..., active]).sum(axis=(0, 1)) > 1.0  # less than a right angle off
             left = np.abs(error).max(axis=0)
-            jacobian = placed.jacobian()
+            jacobian = self._with_rule(placed)
             here = (left < CLOSE) & facing
             done = active[here]
             reached[done] = np.sign(np.linalg.det(jacobian[here])) == self.sign
@@ -207,18 +228,25 @@ class ChainInverse:
                 break
             back = np.swapaxes(jacobian, 1, 2)
             more = np.minimum(left[~here], 1.0) ** 2 * (0.1 if damped else 1e-3) + 1e-13
-            normal = jacobian @ back + more[:, None, None] * np.eye(6)
+            normal = jacobian @ back + more[:, None, None] * np.eye(len(error))
             move = (back @ np.linalg.solve(normal, error.T[..., None]))[..., 0]
             most = np.abs(move).max(axis=1, keepdims=True)
             q[active] += move * np.minimum(1.0, LARGEST_STEP_RAD / np.maximum(most, 1e-12))
         return q, reached
 
     def _jacobian(self, q_rad: Array) -> Array:
-        return forward(self.limb.at_zero, q_rad).jacobian()
+        """(n, S, S)"""
+        return self._with_rule(forward(self.limb.at_zero, q_rad))
+
+    def _with_rule(self, placed: Placed) -> Array:
+        found = placed.jacobian()
+        if not len(self._rule):
+            return found
+        return np.concatenate([found, np.broadcast_to(self._rule, (len(found), *self._rule.shape))], axis=1)
 
     def _near_limits(self, q: Array) -> Flags:
-        low, high = self.limb.lower_rad - BEYOND_RAD, self.limb.upper_rad + BEYOND_RAD
-        return np.asarray(((q >= low) & (q <= high)).all(axis=1))
+        low, high = self._free_rad
+        return np.asarray(((q >= low - BEYOND_RAD) & (q <= high + BEYOND_RAD)).all(axis=1))
 
     def _poses(self, node: Indices) -> tuple[Array, Array]:
         """Of upright grippers at nodes (n, 4)."""

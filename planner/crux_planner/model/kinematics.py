@@ -34,7 +34,7 @@ def rotation_from_rpy(rpy_rad: Array) -> Array:
 
 
 def inverse(limb: Limb, position_b_m: Array, rotation_b: Array) -> tuple[Array, Flags]:
-    """Joint angles (..., 6), elbow up and wrist unflipped, and whether the pose is within the links' reach (...).
+    """Joint angles (..., S), elbow up and wrist unflipped, and whether the pose is within the links' reach (...).
 
     Where it is not, the angles are those of the stretched (or folded) limb. Joint limits are not looked at: see
     `limit_margin`. The last joint comes as the angle nearest to the middle of its range. Of limbs without a closed form
@@ -60,9 +60,25 @@ def inverse(limb: Limb, position_b_m: Array, rotation_b: Array) -> tuple[Array, 
 
 
 def limit_margin(limb: Limb, q_rad: Array) -> Array:
-    """Distance of the tightest joint from its limits (...), negative outside [rad]."""
-    q = np.asarray(q_rad, dtype=float)
-    return np.asarray(np.minimum(q - limb.lower_rad, limb.upper_rad - q).min(axis=-1))
+    """Distance of the tightest joint from its limits (...), negative outside [rad]; and where the gripper is turned in
+    a way that the limb has no joint for.
+    """
+    q, own = np.asarray(q_rad, dtype=float), len(limb.joints)
+    off = np.minimum(q - limb.lower_rad, limb.upper_rad - q)
+    margin = off[..., :own].min(axis=-1)
+    return np.asarray(margin if not limb.still else np.minimum(margin, _inside_or_out(off[..., own:].min(axis=-1))))
+
+
+def joint_margin(limb: Limb, q_rad: Array) -> Array:
+    """The same (...) of the limb's own joints alone, as if its gripper could be turned in all ways."""
+    own = len(limb.joints)
+    off = np.minimum(q_rad - limb.lower_rad, limb.upper_rad - q_rad)
+    return np.asarray(off[..., :own].min(axis=-1))
+
+
+def _inside_or_out(off: Array) -> Array:
+    """Infinite where it is not below zero: turns are allowed or not, and have no margin."""
+    return np.where(off >= 0.0, np.inf, off)
 
 
 def wrap_near(angle_rad: Array | float, centre_rad: float) -> Array:

@@ -15,7 +15,7 @@ from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.chain import chain_inverse
-from crux_planner.model.chain_limb import CHAIN, SEED, chain_numbers, placed_chain
+from crux_planner.model.chain_limb import chain_numbers, placed_chain
 from crux_planner.model.placed_limb import PlacedLimb, Vector, combined, cross, dot, vector
 
 NUMBERS = 36  # of a limb with a closed form
@@ -27,7 +27,7 @@ class LimbMasses:
     """A limb, and what `placed` needs of it, (36,) SI units: place of the shoulder; lengths of upper link, lower link
     and wrist to gripper; cosine and sine of the gripper's turn on the last joint; then centre of mass and mass of
     links 1..6, each in its own frame, and of the hand (gripper and fingers) in the gripper frame. Of limbs without a
-    closed form those of chain_limb.py, (76,).
+    closed form those of chain_limb.py.
     """
 
     limb: Limb
@@ -35,7 +35,7 @@ class LimbMasses:
 
     def at(self, gripper: Vector, up: Vector, along: Vector, beyond: float = 0.0) -> Array:
         """What `placed` takes for these grippers: the numbers, and where there is no closed form also what it starts
-        from (118, ...), plus `beyond` where the limb does not reach.
+        from, plus `beyond` where the limb does not reach.
         """
         if self.limb.closed_form:
             return self.numbers
@@ -44,10 +44,11 @@ class LimbMasses:
         rotation = np.stack([x, np.cross(z, x), z], axis=-1)
         inverse = chain_inverse(self.limb)
         q, reached = inverse.inverse(place, rotation)
-        seeds = inverse.seeds(q.reshape(-1, JOINTS), reached.reshape(-1))
+        seeds = inverse.seeds(q.reshape(-1, q.shape[-1]), reached.reshape(-1))
         seeds[~reached.reshape(-1)] += beyond
-        own = np.broadcast_to(self.numbers, (len(seeds), CHAIN))
-        return np.asarray(np.concatenate([own, seeds], axis=1).T.reshape(CHAIN + SEED, *place.shape[:-1]))
+        own = np.broadcast_to(self.numbers, (len(seeds), len(self.numbers)))
+        whole = np.concatenate([own, seeds], axis=1).T
+        return np.asarray(whole.reshape(len(whole), *place.shape[:-1]))
 
 
 def numbers_of_all(limbs: Sequence[LimbMasses], gripper: Vector, up: Vector, along: Vector) -> Array:

@@ -59,7 +59,7 @@ def posture(robot: Robot, body: Pose, grippers: Array) -> dict[str, float]:
     positions: dict[str, float] = {}
     for limb, (*place, yaw, opening) in zip(robot.limbs, grippers, strict=True):
         q, _ = inverse(limb, to_b @ (np.array(place) - body.position_m), to_b @ rotation_z(yaw))
-        positions.update(zip(limb.joint_names, limb.senses * q, strict=True))
+        positions.update(zip(limb.joint_names, limb.senses * q, strict=False))
         positions.update(dict.fromkeys(limb.finger_joints, opening))
     return positions
 

@@ -124,6 +124,11 @@ class CentroidalProblem:
         """Whether limbs have closed-form kinematics: proofs and bounds are about these alone."""
         return all(each.limb.closed_form for each in self.limb_masses)
 
+    @property
+    def chain_slots(self) -> int:
+        """S of limbs without a closed form: their joints and still turns; 0 where they have one."""
+        return 0 if self.closed_form else len(self.limb_masses[0].limb.at_zero.axes)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Problem(CentroidalProblem):
@@ -141,8 +146,8 @@ class Problem(CentroidalProblem):
     swing: SwingLimits
     friction_share: float  # of the limit surface that a plan may use
     limb_radii_m: tuple[float, ...]  # of model.shapes
-    torque_limits_Nm: Array  # (4, 6) peak torques, less the margin
-    last_torques_Nm: Array  # (4, 6) where that leaves no solution: peak torques, less the least margin
+    torque_limits_Nm: Array  # (4, S) peak torques, less the margin
+    last_torques_Nm: Array  # (4, S) where that leaves no solution: peak torques, less the least margin
     limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (physics.limit_surface)
     surface_reserve_N: float = 0.0  # kept of each finger's limit surface in the exact NLP
     speed_limits: SpeedLimits = field(default_factory=dict)  # where the body must be slower than its bound

@@ -24,7 +24,7 @@ def limb_radii_m(robot: Robot) -> tuple[float, ...]:
         ]
         return max(found, default=0.0)
 
-    return tuple(radius(slice(*joints)) for joints in ((0, 1), (1, 2), (2, 3), (3, 6)))
+    return tuple(radius(slice(*joints)) for joints in ((0, 1), (1, 2), (2, 3), (3, None)))
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from crux_contracts.robot import Limb
 from crux_planner.errors import InfeasibleError
 from crux_planner.model import chain, kept, kinematics
 from crux_planner.model.arrays import Array, Flags
-from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
+from crux_planner.model.kinematics import inverse, joint_margin, limit_margin, rotation_from_rpy, rotation_z
 
 GRID_M = 0.01
 JOINT_MARGIN_RAD = 0.05  # covers the grid between its points, IK of a tracked (not exact) pose, and encoder offsets
@@ -336,14 +336,14 @@ def reachable(limb: Limb, position_b_m: Array, wanted: WorkspaceRange) -> Flags:
 
 
 def _reachable_by_chain(limb: Limb, position_b_m: Array, wanted: WorkspaceRange) -> Flags:
-    """The same, corner by corner of the places that are still in reach: the numeric inverse takes longer."""
+    """The same, corner by corner of the places still in reach, as if a limb could turn its gripper in all ways."""
     low, high, tilt = *wanted.gripper_yaw_rad, wanted.max_tilt_rad
     shape, places = position_b_m.shape[:-1], position_b_m.reshape(-1, 3)
     left = np.arange(len(places))
     for yaw, roll, pitch in itertools.product((low, high, (low + high) / 2), (-tilt, tilt), (-tilt, tilt)):
         rotation = rotation_from_rpy(np.array([roll, pitch, 0.0])).T @ rotation_z(yaw)
         q, reached = inverse(limb, places[left], rotation)
-        left = left[reached & (limit_margin(limb, q) >= JOINT_MARGIN_RAD)]
+        left = left[reached & (joint_margin(limb, q) >= JOINT_MARGIN_RAD)]
     ok = np.zeros(len(places), dtype=bool)
     ok[left] = True
     return ok.reshape(shape)

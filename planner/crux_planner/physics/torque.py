@@ -8,18 +8,15 @@ from functools import cache
 from typing import Any
 
 import casadi as ca
-from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.limb import NUMBERS, placed
 from crux_planner.model.placed_limb import combined, cross, dot
 from crux_planner.physics.dynamics import gripper_wrench, rotation
 
-INTERVAL_TORQUES = 2 * JOINTS
-
 
 @cache
 def joint_torques(size: int = NUMBERS) -> ca.Function:
-    """(numbers, pose, centre, axis, force, moment, gravity) -> torques (6,) [Nm] of a limb with LimbMasses' `numbers`
+    """(numbers, pose, centre, axis, force, moment, gravity) -> torques (S,) [Nm] of a limb with LimbMasses' `numbers`
     (`size`) at a body pose (6), its gripper at `centre` with opening axis `axis`, upright on the wall.
 
     `force` and `moment` act on the robot at the gripper's centre; all in H (casadi).
@@ -33,7 +30,7 @@ def joint_torques(size: int = NUMBERS) -> ca.Function:
     gravity_b, force_b, twist = (_parts(to_b @ v) for v in (gravity, force, moment))
     limb = placed(numbers, gripper, up, along)
     loads = [(depth, place, combined((mass, gravity_b))) for depth, place, mass in limb.links]
-    loads.append((JOINTS, gripper, force_b))
+    loads.append((len(limb.axes), gripper, force_b))
     torques = []
     for i, (origin, axis_i) in enumerate(zip(limb.origins, limb.axes, strict=True)):
         total = twist
@@ -45,7 +42,7 @@ def joint_torques(size: int = NUMBERS) -> ca.Function:
 
 
 def held_torques(numbers: Any, pose: Any, q: Any, grasp: Any, gravity: Any) -> Any:
-    """Torques (6,) [Nm] of a limb (its `numbers`) that holds q by `grasp` (9): centre, axis, tangent (casadi)."""
+    """Torques (S,) [Nm] of a limb (its `numbers`) that holds q by `grasp` (9): centre, axis, tangent (casadi)."""
     centre, axis, tangent = grasp[0:3], grasp[3:6], grasp[6:9]
     force, _ = gripper_wrench(q, centre, axis, tangent)
     return joint_torques(numbers.shape[0])(numbers, pose, centre, axis, force, 2 * q[2] * axis, gravity)

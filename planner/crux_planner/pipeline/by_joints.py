@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import PlanReference
+from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.checker import CheckReport, Violation, check_plan
 from crux_planner.model.arrays import Array
@@ -25,7 +26,7 @@ from crux_planner.pipeline.refusals import eased, refused_by, slowed
 from crux_planner.pipeline.session import Session
 from crux_planner.search.pose_path import Ended
 from crux_planner.trajectory.exact import TOO_WEAK, solve_within_torques
-from crux_planner.trajectory.joint_limits import JOINTS, JointLimits, Moment
+from crux_planner.trajectory.joint_limits import JointLimits, Moment
 from crux_planner.trajectory.joint_rows import ELBOW, JointFunctions
 from crux_planner.trajectory.solution import Start
 from crux_planner.trajectory.stage_functions import POSE
@@ -110,7 +111,9 @@ def _moment(plan: PlanReference, problem: Problem, body: Array, time_s: float) -
     limbs = [plan.limb(limb, interval, share) for limb in range(len(LIMB_NAMES))]
     hands = np.array([[*(at.position_w_m @ to_w), at.yaw_w_rad - problem.heading_rad] for at in limbs])
     pose = np.concatenate([place @ to_w, rpy - heading])
-    return Moment(interval, share, hands, np.full((len(limbs), JOINTS), _BETWEEN_RAD), off=pose - straight), pose
+    return Moment(
+        interval, share, hands, np.full((len(limbs), problem.chain_slots or JOINTS), _BETWEEN_RAD), off=pose - straight
+    ), pose
 
 
 def _answered(

@@ -53,7 +53,7 @@ class FirstWall:
         holds = []
         for row, up in (("low", 0.0), ("high", self.stride_m)):
             for name, (x, y, _, yaw) in zip(LIMB_NAMES, self.grippers_b, strict=True):
-                place = [round(float(x) + up, 3), round(float(y), 3)]
+                place = [round(float(x) + up, 5), round(float(y), 5)]
                 turned = {"yaw_deg": round(float(np.degrees(yaw)), 1)}
                 holds.append(
                     {"name": f"{name}-{row}", "position_m": place, "size_m": [*size], **turned, "friction": friction}
@@ -132,6 +132,8 @@ def _places(robot: Robot, limb: int, planned: LimbReach, height_m: float) -> _Pl
     own, pads = robot.limbs[limb], sum(robot.grasp.pad_height_m) / 2
     span, middle = own.longest_m, own.shoulder_b_m
     x, y = (np.arange(np.floor((at - span) / STEP_M), (at + span) / STEP_M + 1) * STEP_M for at in middle[:2])
+    if own.still:  # such a limb may reach straight ahead alone
+        x, y = x + middle[0] % STEP_M, y + middle[1] % STEP_M
     y = y[np.sign(y) == np.sign(middle[1])]
     low, high = np.degrees(robot.grasp.gripper_yaw_rad) / YAW_STEP_DEG
     yaws = np.array(sorted(np.radians(YAW_STEP_DEG * np.arange(np.ceil(low), np.floor(high) + 1)), key=abs))

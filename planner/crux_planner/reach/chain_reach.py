@@ -1,4 +1,4 @@
-"""The reach of a limb of any six revolute joints, by numeric inverse kinematics: the inner map, angles and links."""
+"""The reach of a limb of any revolute joints, by numeric inverse kinematics: the inner map, angles and links."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from crux_planner.model.chain import chain_inverse, forward
 from crux_planner.model.kinematics import limit_margin
 from crux_planner.reach import solids
 from crux_planner.reach.poses import GripperPoses
-from crux_planner.reach.solids import FOREARM, HAND, NOTHING, ROLLED, SHOULDER, TILTED, UPPER, Links, Solids
+from crux_planner.reach.solids import FOREARM, HAND, NOTHING, ROLLED, SHOULDER, SIXTH, TILTED, UPPER, Links, Solids
 
-LINK_OF = {SHOULDER: 0, UPPER: 1, FOREARM: 2, ROLLED: 3, TILTED: 4}
+LINK_OF = {SHOULDER: 0, UPPER: 1, FOREARM: 2, ROLLED: 3, TILTED: 4, SIXTH: 5}
 """Numbers of the links in whose frames capsules are."""
 
 
@@ -38,7 +38,7 @@ class ChainReach:
         return ok.reshape(shape)
 
     def angles(self, poses: GripperPoses) -> Array:
-        """(..., 6): see `Reach`."""
+        """(..., S): see `Reach`."""
         return chain_inverse(self.limb).inverse(*poses.in_body())[0]
 
     def cannot(self, low: GripperPoses, high: GripperPoses) -> Flags:

@@ -1,7 +1,7 @@
 """What a limb's reach answers, whatever its joints are.
 
 `crux_planner.reach.arm.ArmReach` answers in closed form, for limbs that yaw, pitch and pitch, with a spherical wrist;
-`crux_planner.reach.chain_reach.ChainReach` for any other six revolute joints.
+`crux_planner.reach.chain_reach.ChainReach` for any other revolute joints.
 """
 
 from __future__ import annotations

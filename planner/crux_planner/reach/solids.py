@@ -17,8 +17,9 @@ from crux_contracts.urdf import link_shapes
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 
-UPPER, FOREARM, ROLLED, TILTED, HAND, SHOULDER = range(6)
-"""Frames of capsules: links 2, 3, 4 and 5 as in the URDF; the gripper's, for all behind joint 6; link 1."""
+UPPER, FOREARM, ROLLED, TILTED, HAND, SHOULDER, SIXTH = range(7)
+"""Frames of capsules: links 2, 3, 4 and 5 as in the URDF; the gripper's, for all behind the last joint; link 1; and
+link 6 of a limb of seven joints."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +58,15 @@ def solids(robot: Robot, limb: Limb, *, around: bool) -> Solids:
     links = {str(link.get("name")): link for link in ET.parse(robot.urdf_path).getroot().iter("link")}
     trunk = tuple(_box(shape, around) for shape in link_shapes(links[robot.body_link]))
     capsules: list[Capsule] = []
-    for frame, joint in zip((SHOULDER, UPPER, FOREARM, ROLLED, TILTED), limb.joints[:5], strict=True):
+    for frame, joint in zip((SHOULDER, UPPER, FOREARM, ROLLED, TILTED, SIXTH), limb.joints[:-1], strict=False):
         shapes = link_shapes(links[joint.child])
         capsules += [_capsule(shape, frame, around, np.eye(3), np.zeros(3)) for shape in shapes]
     back, down = rotation_z(-limb.gripper_mount_rad), np.array([0.0, 0.0, limb.wrist_to_gripper_m])
     if not limb.closed_form:
-        zero = limb.at_zero
+        zero, last = limb.at_zero, len(limb.joints) - 1
         to_gripper = zero.gripper_rotation.T
-        back, down = to_gripper @ zero.rotations[5], to_gripper @ (zero.points_m[5] - zero.gripper_m)
-    hand = [(limb.joints[5].child, back, down), (limb.gripper_link, np.eye(3), np.zeros(3))]
+        back, down = to_gripper @ zero.rotations[last], to_gripper @ (zero.points_m[last] - zero.gripper_m)
+    hand = [(limb.joints[-1].child, back, down), (limb.gripper_link, np.eye(3), np.zeros(3))]
     for name in limb.finger_joints:
         slide = robot.urdf.joints[name]
         turn = rotation_from_rpy(np.array(slide.rpy_rad))

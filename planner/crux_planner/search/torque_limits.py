@@ -14,7 +14,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.contacts import Contact
@@ -35,7 +34,7 @@ class TorqueLimits(StaticEquilibrium):
     """Balance queries answered by wrenches that no motor is too weak for."""
 
     def __init__(self, problem: Problem, margin: float, limits_Nm: Array | None = None) -> None:
-        """`limits_Nm` (4, 6): joint torques allowed, usually those of the problem with some slack."""
+        """`limits_Nm` (4, S): joint torques allowed, usually those of the problem with some slack."""
         super().__init__(problem, margin)
         self.limits_Nm = SLACK * problem.torque_limits_Nm if limits_Nm is None else limits_Nm
         self.gravity_h = problem.gravity_h
@@ -50,7 +49,7 @@ class TorqueLimits(StaticEquilibrium):
         return other
 
     def within(self, limits_Nm: Array) -> TorqueLimits:
-        """The same for other motors: joint torques allowed (4, 6)."""
+        """The same for other motors: joint torques allowed (4, S)."""
         other = copy.copy(self)
         other.limits_Nm, other._strong = limits_Nm, {}
         return other
@@ -134,10 +133,11 @@ class TorqueLimits(StaticEquilibrium):
     def _solve_within(self, query: Query, about: Array, limbs: tuple[int, ...] | None = None) -> Array | None:
         """A body position in balance near that wanted, with torques as they are at another."""
         support = query.support
-        rows = np.zeros((2 * JOINTS * len(support), 3 + WRENCH * len(support)))
+        joints = self.limits_Nm.shape[1]
+        rows = np.zeros((2 * joints * len(support), 3 + WRENCH * len(support)))
         right = np.zeros(len(rows))
         for i, (torques, still, limit) in enumerate(self._torques(support, about, limbs)):
-            at = slice(2 * JOINTS * i, 2 * JOINTS * (i + 1))
+            at = slice(2 * joints * i, 2 * joints * (i + 1))
             rows[at, 3 + WRENCH * i : 7 + WRENCH * i] = np.vstack([torques, -torques])
             right[at] = np.concatenate([limit - still, limit + still])
         return self._solve(query, (rows, right))
@@ -145,7 +145,7 @@ class TorqueLimits(StaticEquilibrium):
 
 @cache
 def _torque_map(size: int) -> Mapped:
-    """(a limb's numbers (size,), place, centre, axis, tangent, gravity) -> A (6, 4), b (6,).
+    """(a limb's numbers (size,), place, centre, axis, tangent, gravity) -> A (S, 4), b (S,).
 
     Torques are A @ (s1, s2, m, F) + b.
     """

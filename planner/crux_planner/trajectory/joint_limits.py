@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.schedule import Schedule
 from crux_planner.trajectory.link_planes import OFF_M
 
-JOINTS = 6  # of a limb
 _POSE = 6
 
 
@@ -21,7 +19,7 @@ class Moment:
     interval: int
     share: float
     hands: Array  # (4, 4) x, y, z and yaw
-    margin_rad: Array  # (4, 6)
+    margin_rad: Array  # (4, S)
     apart_m: float = OFF_M  # that links keep off the trunk and off those of other limbs
     off: Array | None = None  # (6,) the body there, off the straight way from knot to knot; None until a plan was there
     clear: Array | None = None  # (6,) a pose nearby at which links keep off each other, where the path's is none
@@ -41,16 +39,9 @@ class JointLimits:
     near_m: Array  # (N + 1,) how far the body may be from the path; infinite where it need not be near
 
     @classmethod
-    def about(cls, path: Array, margin_rad: float, schedule: Schedule | None = None) -> JointLimits:
-        """One margin for all joints, the body nowhere bound to the path; halfway through the intervals of a schedule in
-        which a limb is in the air, too.
-        """
-        contacts = [] if schedule is None else schedule.contacts[:-1]
-        margins, moments = np.full((4, JOINTS), margin_rad), list[Moment]()
-        for k, knot in enumerate(contacts):
-            if schedule is not None and None in knot:
-                moments.append(Moment(k, 0.5, schedule.poses[k : k + 2, :, :4].mean(axis=0), margins))
-        return cls(path, margin_rad, tuple(moments), np.full(len(path), np.inf))
+    def about(cls, path: Array, margin_rad: float) -> JointLimits:
+        """One margin for all joints at the knots alone, the body nowhere bound to the path."""
+        return cls(path, margin_rad, (), np.full(len(path), np.inf))
 
     def at_moments(self) -> tuple[Array, Array, Array]:
         """Poses (B, 6) at the moments that planes are about, their shares (B,), and what the body is off (B, 6)."""

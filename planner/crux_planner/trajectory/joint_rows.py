@@ -16,6 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from crux_contracts.robot import Limb
+from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.chain_limb import followed, way_in
@@ -28,7 +29,7 @@ from crux_planner.reach.chain_reach import LINK_OF
 from crux_planner.reach.protocol import Reach
 from crux_planner.reach.solids import HAND
 from crux_planner.solvers.mapped import Mapped
-from crux_planner.trajectory.joint_limits import JOINTS, JointLimits
+from crux_planner.trajectory.joint_limits import JointLimits
 from crux_planner.trajectory.link_planes import OFF_M, Ends, Planes, farthest_clear, planes_about, unpacked
 from crux_planner.trajectory.stage_functions import POSE, Between, StageFunctions
 
@@ -56,6 +57,11 @@ class JointFunctions(StageFunctions):
         other.__dict__.pop("_between", None)
         return other
 
+    @property
+    def joint_rows(self) -> int:
+        """Of all limbs."""
+        return sum(len(reach.limb.at_zero.axes) for reach in self.reaches)
+
     @cached_property
     def ends(self) -> Ends:
         """Of the limbs' capsules."""
@@ -63,7 +69,7 @@ class JointFunctions(StageFunctions):
 
     @cached_property
     def _placed(self) -> Mapped:
-        """Joints' rows (24,) and the ends' places, one after the other, with derivatives, at (n, 12), hands (n, 16) and
+        """Joints' rows and the ends' places, one after the other, with derivatives, at (n, 12), hands (n, 16) and
         multipliers.
         """
         x, hands = ca.SX.sym("x", BODY_STATES), ca.SX.sym("hands", self.hand_numbers)
@@ -83,7 +89,7 @@ class JointFunctions(StageFunctions):
 
     def reach_at(self, body: Array, grippers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
         """As in StageFunctions; of `grippers`: hands (n, 16) x, y, z and yaw, and planes as `packed`."""
-        knots, first = len(body), 4 * JOINTS
+        knots, first = len(body), self.joint_rows
         normals, one, other = unpacked(grippers[:, 16:])
         at, count = np.arange(knots)[:, None], self.ends.count
         weighed = normals * multiplier[:, first:, None]
@@ -125,7 +131,7 @@ class JointFunctions(StageFunctions):
         return Between(at, share, off, _given(hands, planes), *self._bounds(margin_rad, planes))
 
     def _bounds(self, margin_rad: Array, planes: Planes) -> tuple[Array, Array]:
-        """(n, m) of the rows, with margins (n, 4, 6)."""
+        """(n, m) of the rows, with margins (n, 4, S)."""
         ranges = [_limits(reach.limb, margin_rad[:, limb]) for limb, reach in enumerate(self.reaches)]
         low = np.concatenate([*(each[0] for each in ranges), planes.least], axis=1)
         return low, np.concatenate([*(each[1] for each in ranges), np.full(planes.least.shape, np.inf)], axis=1)
@@ -158,7 +164,8 @@ class JointFunctions(StageFunctions):
     def reach_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
         """(N, m). Until the first lift-off, limbs count as reaching as far as they do at the start."""
         n = problem.steps
-        low, high = self._bounds(np.full((n, len(self.reaches), JOINTS), self.limits.margin_rad), self.planes(schedule))
+        margins = np.full((n, len(self.reaches), self.joint_rows // len(self.reaches)), self.limits.margin_rad)
+        low, high = self._bounds(margins, self.planes(schedule))
         if self.problem.closed_form:
             self._less_stretched(schedule, high)
         moved = (schedule.poses[:, :, :3] != schedule.poses[0, :, :3]).any(axis=(1, 2))
@@ -245,7 +252,9 @@ def _chain_posture(
 
 
 def _limits(limb: Limb, margin_rad: Array) -> tuple[Array, Array]:
-    """(N, 6) least and most of the joints' rows, with margins (N, 6)."""
+    """(N, S) least and most of the joints' rows, with margins (N, S)."""
+    margin_rad = margin_rad.copy()
+    margin_rad[:, len(limb.joints) :] = 0.0  # of turns that stay still
     low, high = limb.lower_rad + margin_rad, limb.upper_rad - margin_rad
     if not limb.closed_form:
         return low, high

@@ -31,7 +31,7 @@ class Solution:
     position_residual_m: float
     force_residual_N: float
     torque_shares: dict[Place, float]  # largest joint torque in a knot's interval over its limit, by limb in stance
-    torque_limits_Nm: Array  # (4, 6) those limits: the problem's usual or its last
+    torque_limits_Nm: Array  # (4, S) those limits: the problem's usual or its last
     columns: Array | None = None  # (N, 4, 8) of the exact P1: scaled wrenches and the spines' shares
 
     @property

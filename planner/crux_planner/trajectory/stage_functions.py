@@ -14,9 +14,10 @@ from typing import Any, Self
 
 import casadi as ca
 import numpy as np
+from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.arrays import Array, Indices
-from crux_planner.model.chain_limb import CHAIN, SEED
+from crux_planner.model.chain_limb import Layout
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.limb import NUMBERS
 from crux_planner.model.problem import BODY_STATES, Problem
@@ -34,9 +35,9 @@ SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a litt
 COLUMN = WRENCH_INPUTS + 3
 POSE = 6  # of the body's states: position and orientation
 _WRENCH = 6
-_TorqueGiven = tuple[tuple[float, ...], tuple[float, ...], float, bool]
-"""Units of q, gravity, the length of an interval, and whether limbs have a closed form: all that torques depend on
-beside their functions' arguments."""
+_TorqueGiven = tuple[tuple[float, ...], tuple[float, ...], float, int]
+"""Units of q, gravity, the length of an interval, and S of limbs without a closed form, 0 where they have one: all that
+torques depend on beside their functions' arguments."""
 _WALLS = 8  # slopes and intervals whose functions of torques are kept: they take a fifth of a plan's time to make
 
 
@@ -104,8 +105,8 @@ class StageFunctions:
     def torque_hessian(
         self, limbs: Indices, poses: tuple[Array, Array], by_state: Array, q: Array, grasps: Array, multiplier: Array
     ) -> Array:
-        """Hessian (n, 17, 17) of multipliers (n, 12) times the torques of limbs (n,): body poses (n, 6) at both ends of
-        the intervals, the latter's derivatives (n, 6, 12) by the body state; these are taken as constant.
+        """Hessian (n, 17, 17) of multipliers (n, 2 S) times the torques of limbs (n,): body poses (n, 6) at both ends
+        of the intervals, the latter's derivatives (n, 6, 12) by the body state; these are taken as constant.
         """
         first = np.broadcast_to(np.eye(POSE, BODY_STATES), by_state.shape)
         found = np.zeros((len(limbs), BODY_STATES + WRENCH_INPUTS, BODY_STATES + WRENCH_INPUTS))
@@ -130,9 +131,14 @@ class StageFunctions:
         return self._step(body, totals, self.with_seeds(body, hands), multipliers)
 
     @property
+    def layout(self) -> Layout:
+        """Of the limbs' numbers; of no joints where they have a closed form."""
+        return Layout(self.problem.chain_slots)
+
+    @property
     def hand_numbers(self) -> int:
         """Of four hands: 16, and where there is no closed form what kinematics start from."""
-        return 16 if self.problem.closed_form else 16 + 4 * SEED
+        return 16 + 4 * self.layout.seed
 
     def with_seeds(self, body: Array, hands: Array) -> Array:
         """(n, `hand_numbers`) of body states (n, 12) and hands (n, 16) x, y, z and yaw."""
@@ -142,7 +148,8 @@ class StageFunctions:
         for limb, hand in enumerate(np.split(hands, 4, axis=1)):
             axis = np.stack([np.cos(hand[:, 3]), np.sin(hand[:, 3]), np.zeros(len(hand))], axis=1)
             limbs = np.full(len(hand), limb)
-            seeds.append(self._numbers_at(limbs, body[:, :POSE], np.hstack([hand[:, :3], axis]))[:, CHAIN:])
+            numbers = self._numbers_at(limbs, body[:, :POSE], np.hstack([hand[:, :3], axis]))
+            seeds.append(numbers[:, self.layout.chain :])
         return np.hstack([hands, *seeds])
 
     def limb_numbers(self, hands: Any) -> list[Any]:
@@ -150,7 +157,7 @@ class StageFunctions:
         own = [ca.DM(limb.numbers) for limb in self.problem.limb_masses]
         if self.problem.closed_form:
             return own
-        return [ca.vertcat(*each) for each in zip(own, ca.vertsplit(hands[16:], SEED), strict=True)]
+        return [ca.vertcat(*each) for each in zip(own, ca.vertsplit(hands[16:], self.layout.seed), strict=True)]
 
     @cached_property
     def _step(self) -> Mapped:
@@ -196,25 +203,25 @@ class StageFunctions:
 
     @cached_property
     def _numbers(self) -> Array:
-        """(4, 36) of the limbs, or (4, 76)."""
+        """(4, 36) of the limbs, or (4, 10 S + 16)."""
         return np.array([limb.numbers for limb in self.problem.limb_masses])
 
     def numbers_over(self, limbs: Indices, body: Array, grasps: Array) -> Array:
-        """(n, 36) or (n, 160) that torques of limbs (n,) over intervals need, at body states (n, 12) and grasps."""
+        """(n, 36) or (n, 24 S + 16) that torques of limbs (n,) over intervals need, at body states (n, 12), grasps."""
         if self.problem.closed_form:
             return self._numbers[limbs]
         then = _next_poses(self.problem.dt_s)(body)[0]
         first, second = (self._numbers_at(limbs, poses, grasps) for poses in (body[:, :POSE], then))
-        return np.hstack([first, second[:, CHAIN:]])
+        return np.hstack([first, second[:, self.layout.chain :]])
 
     def _numbers_at(self, limbs: Indices, poses: Array, grasps: Array) -> Array:
-        """(n, 36) or (n, 118) of limbs (n,) at body poses (n, 6), grippers' centre and axis first in `grasps`."""
+        """(n, 36) or (n, 17 S + 16) of limbs (n,) at body poses (n, 6), grippers' centre and axis first in `grasps`."""
         if self.problem.closed_form:
             return self._numbers[limbs]
         to_b = np.swapaxes(rotation_from_rpy(poses[:, 3:]), 1, 2)
         off = (to_b @ (grasps[:, :3] - poses[:, :3])[..., None])[..., 0].T
         axis, up = (to_b @ grasps[:, 3:6, None])[..., 0].T, to_b[:, :, 2].T
-        found = np.zeros((len(limbs), CHAIN + SEED))
+        found = np.zeros((len(limbs), self.layout.chain + self.layout.seed))
         for limb, masses in enumerate(self.problem.limb_masses):
             at = np.flatnonzero(limbs == limb)
             gripper, upward, along = ((v[0, at], v[1, at], v[2, at]) for v in (off, up, axis))
@@ -223,16 +230,16 @@ class StageFunctions:
 
     @cached_property
     def _torque_given(self) -> _TorqueGiven:
-        return tuple(self.scale), tuple(self.problem.gravity_h), self.problem.dt_s, self.problem.closed_form
+        return tuple(self.scale), tuple(self.problem.gravity_h), self.problem.dt_s, self.problem.chain_slots
 
     @property
     def torque_values(self) -> Mapped:
-        """Joint torques (n, 12) at both ends of intervals, at body states, q, grasps and `numbers_over` intervals."""
+        """Joint torques (n, 2 S) at both ends of intervals, at body states, q, grasps and `numbers_over` intervals."""
         return _torque_values(self._torque_given)
 
     @property
     def torques(self) -> Mapped:
-        """The same and their derivatives (n, 12, 17) by the body state and q."""
+        """The same and their derivatives (n, 2 S, 17) by the body state and q."""
         return _torques(self._torque_given)
 
     @cached_property
@@ -258,13 +265,14 @@ class StageFunctions:
 
 @lru_cache(_WALLS)
 def _torque_values(given: _TorqueGiven) -> Mapped:
-    scale, gravity_h, dt_s, closed_form = given
-    sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS if closed_form else CHAIN + 2 * SEED}
+    scale, gravity_h, dt_s, slots = given
+    chain, seed = Layout(slots).chain, Layout(slots).seed
+    sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": chain + 2 * seed if slots else NUMBERS}
     x, q, grasp, numbers = arguments = [ca.SX.sym(*each) for each in sizes.items()]
     poses, load = (x[:POSE], next_pose(x, dt_s)), (q * np.array(scale), grasp, np.array(gravity_h))
     first, second = numbers, numbers
-    if not closed_form:
-        first, second = numbers[: CHAIN + SEED], ca.vertcat(numbers[:CHAIN], numbers[CHAIN + SEED :])
+    if slots:
+        first, second = numbers[: chain + seed], ca.vertcat(numbers[:chain], numbers[chain + seed :])
     ends = [held_torques(own, pose, *load) for own, pose in zip((first, second), poses, strict=True)]
     return Mapped("torque_values", arguments, [ca.vertcat(*ends)])
 
@@ -285,10 +293,10 @@ def _torques(given: _TorqueGiven) -> Mapped:
 
 @lru_cache(_WALLS)
 def _torque_curvature(given: _TorqueGiven) -> Mapped:
-    """Hessian (n, 11, 11) of multipliers (n, 6) times the torques of limbs at body poses (n, 6)."""
-    scale, gravity_h, _, closed_form = given
-    count = NUMBERS if closed_form else CHAIN + SEED
-    sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": 9, "numbers": count, "z": 6}
+    """Hessian (n, 11, 11) of multipliers (n, S) times the torques of limbs at body poses (n, 6)."""
+    scale, gravity_h, _, slots = given
+    count = Layout(slots).chain + Layout(slots).seed if slots else NUMBERS
+    sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": 9, "numbers": count, "z": slots or JOINTS}
     pose, q, grasp, numbers, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
     torques = held_torques(numbers, pose, q * np.array(scale), grasp, np.array(gravity_h))
     hessian = ca.hessian(ca.dot(multiplier, torques), ca.vertcat(pose, q))[0]

@@ -17,7 +17,6 @@ from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import wrench_bounds
 from crux_planner.physics.dynamics import WRENCH_INPUTS
-from crux_planner.physics.torque import INTERVAL_TORQUES
 from crux_planner.trajectory.stage_functions import COLUMN, FORCE_SCALE_N, POSE, SPINE_WEIGHT, StageFunctions
 
 PINNED = 1e8  # weight that holds what is fixed
@@ -43,7 +42,7 @@ class Derivatives:
     rows: Array  # (R,)
     reach: Array  # (N, m, 6), knots 1..N
     surface: Array  # (N, 4, m, 8)
-    torques: Array  # (P, 12, 17) at `limited`
+    torques: Array  # (P, 2 S, 17) at `limited`
     between: Array  # (B, m, 12) of the states at the intervals' begin
 
 
@@ -97,13 +96,17 @@ class StageProblem:
             [high + _RELAXED * np.maximum(1.0, np.abs(high)) for high in highs],
         )
 
+    @property
+    def _interval_torques(self) -> int:
+        return 2 * self.problem.torque_limits_Nm.shape[1]
+
     def _set_rows(self, lows: list[Array], highs: list[Array]) -> None:
         self.low, self.high = (np.concatenate([part.ravel() for part in parts]) for parts in (lows, highs))
         self.bounded: Flags = np.isfinite(np.stack([self.low, self.high]))
         self._ends = np.cumsum([part.size for part in lows])[:-1]
         each = [np.repeat(np.arange(self.knots), part.size // self.knots) for part in lows[:-2]]
         between = np.repeat(self.between.intervals, self.between.low.shape[1])
-        self._row_knots = np.concatenate([*each, np.repeat(self.limited[0], INTERVAL_TORQUES), between])
+        self._row_knots = np.concatenate([*each, np.repeat(self.limited[0], self._interval_torques), between])
 
     def window(self, first: int, last: int, body: Array) -> StageProblem:
         """The same from one knot to another, at both of which the body is as in `body` (N + 1, 12)."""
@@ -163,7 +166,7 @@ class StageProblem:
         return low, high
 
     def split(self, rows: Array) -> list[Array]:
-        """A vector of rows as body (N, 12), reach (N, m), column (N, 4, 8), surface (N, 4, m), torques (P, 12) and
+        """A vector of rows as body (N, 12), reach (N, m), column (N, 4, 8), surface (N, 4, m), torques (P, 2 S) and
         reach between knots (B, m)."""
         n, parts = self.knots, np.split(rows, self._ends)
         shapes = [
@@ -171,7 +174,7 @@ class StageProblem:
             (n, self._reach_rows),
             (n, 4, COLUMN),
             (n, 4, self.functions.surface_rows),
-            (len(self.limited[0]), INTERVAL_TORQUES),
+            (len(self.limited[0]), self._interval_torques),
             self.between.low.shape,
         ]
         return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
@@ -227,7 +230,7 @@ class StageProblem:
         cross = np.zeros((n, 4, BODY_STATES, COLUMN))
         cross[..., :WRENCH_INPUTS] = step_cross[:, None] @ self.maps
         limited, limbs = self.limited
-        torques, torque_slopes = np.zeros((0, 0)), np.zeros((0, INTERVAL_TORQUES, BODY_STATES + WRENCH_INPUTS))
+        torques, torque_slopes = np.zeros((0, 0)), np.zeros((0, self._interval_torques, BODY_STATES + WRENCH_INPUTS))
         if len(limbs):
             held = q[self.limited], self.grasps[self.limited]
             torques, torque_slopes = f.torques(body[limited], *held, f.numbers_over(limbs, body[limited], held[1]))

@@ -77,9 +77,9 @@ class LimbController {
   /// What the limb can bear where it is, of a grip with `contact`.
   Capacity capacity(const Contact& contact, const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2) const noexcept;
 
-  /// Yields to the wrench error on a hold, and to what it runs against in the air, where offsets fade; learns the F/T
-  /// bias in free swing.
-  void comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB, double dt_s) noexcept;
+  /// Yields to the wrench error on a hold, as far as the limb's joints can (yielding_part.hpp), and to what it runs
+  /// against in the air, where offsets fade; learns the F/T bias in free swing.
+  void comply(const LimbReference& reference, const Wrench& all_W, const Matrix3& rotation_WB, double dt_s) noexcept;
 
   /// What comply() did last: its translation and its rotation.
   const Yielding& translation() const { return translation_; }
@@ -177,6 +177,7 @@ class LimbController {
   GripperDescription gripper_;
   ServoDescription servo_;
   std::array<JointLimits, kJoints> joints_;
+  int still_;  ///< turns of the gripper that no joint makes
 
   LimbKinematics kinematics_;
   InverseKinematics inverse_;

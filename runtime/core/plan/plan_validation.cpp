@@ -223,7 +223,9 @@ JointVector seed_angles(const LimbDescription& limb, int index) {
   return q;
 }
 
-bool reached(const IkResult& result) {
+/// Turns that the limb does not make are part of what it misses.
+bool reached(const IkResult& result, const LimbDescription& limb) {
+  if (!(result.q_rad.tail(kJoints - limb.driven).norm() <= kReachTolerance_rad)) return false;
   return result.position_error_m <= kReachTolerance_m && result.rotation_error_rad <= kReachTolerance_rad;
 }
 
@@ -240,16 +242,17 @@ std::string limb_reach_defect(const RobotDescription& robot, const PreparedPlan&
   IkResult result;
   for (int seed = 0; seed < kStartSeeds; ++seed) {
     result = inverse.solve(start, seed_angles(robot.limbs[l], seed), kStartIterations);
-    if (reached(result)) break;
+    if (reached(result, robot.limbs[l])) break;
   }
   for (int k = 0; k < plan.intervals(); ++k) {
     for (int sample = 0; sample <= kSamplesPerInterval; ++sample) {
       const PlanTime at{k, plan.step_s[k] * sample / kSamplesPerInterval};
       result = inverse.solve(gripper_target_B(play(plan, at), l), result.q_rad, kFollowIterations);
-      if (!reached(result)) {
+      if (!reached(result, robot.limbs[l])) {
         return Sentence() << place(robot, static_cast<std::size_t>(k), l) << "the gripper is out of reach at "
                           << at.seconds(plan) << " s: it comes within " << 1e3 * result.position_error_m << " mm and "
-                          << result.rotation_error_rad << " rad";
+                          << result.rotation_error_rad + result.q_rad.tail(kJoints - robot.limbs[l].driven).norm()
+                          << " rad";
       }
     }
   }

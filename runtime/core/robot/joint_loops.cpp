@@ -18,6 +18,8 @@ namespace {
 
 namespace bounds = crux_msgs::robot;
 
+constexpr double kStill_kg_m2 = 1e9;  // where there is no joint, nothing moves
+
 using Eigenvalues = Eigen::Matrix<std::complex<double>, kJoints, 1>;
 
 /// The largest first.
@@ -76,6 +78,7 @@ std::vector<Matrix6> limb_inertias(const LimbDescription& limb, const JointVecto
   KDL::JntArray q_rad(kJoints);
   KDL::JntSpaceInertiaMatrix inertia(kJoints);
   const auto at = [&](int joint, double share) {
+    if (joint >= limb.driven) return;
     const JointLimits& limits = limb.joints[static_cast<std::size_t>(joint)];
     q_rad(static_cast<unsigned>(joint)) = limits.lower_rad + share * (limits.upper_rad - limits.lower_rad);
   };
@@ -88,6 +91,7 @@ std::vector<Matrix6> limb_inertias(const LimbDescription& limb, const JointVecto
         dynamics.JntToMass(q_rad, inertia);
         inertias.emplace_back(inertia.data);
         inertias.back().diagonal() += armature_kg_m2;
+        inertias.back().diagonal().tail(kJoints - limb.driven).setConstant(kStill_kg_m2);
       }
     }
   }

@@ -19,7 +19,11 @@ Pose pose(const KDL::Frame& frame) {
 }  // namespace
 
 LimbKinematics::LimbKinematics(const LimbDescription& limb)
-    : chain_(limb.chain), position_solver_(chain_), joints_(chain_.getNrOfJoints()), frames_(chain_.getNrOfSegments()) {
+    : chain_(limb.chain),
+      driven_(limb.driven),
+      position_solver_(chain_),
+      joints_(chain_.getNrOfJoints()),
+      frames_(chain_.getNrOfSegments()) {
   int joint = -1;
   for (unsigned int i = 0; i < chain_.getNrOfSegments(); ++i) {
     const KDL::Segment& segment = chain_.getSegment(i);
@@ -48,6 +52,7 @@ void LimbKinematics::evaluate(const JointVector& q_rad, Pose& gripper_B, Matrix6
 
 void LimbKinematics::evaluate(const JointVector& q_rad, LimbState& state) noexcept {
   evaluate(q_rad, state.gripper_B, state.jacobian_B);
+  state.jacobian_B.rightCols(kJoints - driven_).setZero();
   double mass = 0.0;
   Vector3 moment = Vector3::Zero();
   int joint = kJoints - 1;

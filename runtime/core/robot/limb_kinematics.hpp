@@ -29,14 +29,15 @@ class LimbKinematics {
   LimbKinematics(const LimbKinematics&) = delete;
   LimbKinematics& operator=(const LimbKinematics&) = delete;
 
-  /// Pose, Jacobian and masses at q [rad].
+  /// Pose, Jacobian and masses at q [rad]. Turns that the limb does not make have no column.
   void evaluate(const JointVector& q_rad, LimbState& state) noexcept;
 
-  /// Gripper pose and Jacobian alone, for iterations.
+  /// Gripper pose and Jacobian alone, for iterations, which may turn the gripper in all ways.
   void evaluate(const JointVector& q_rad, Pose& gripper_B, Matrix6& jacobian_B) noexcept;
 
  private:
   KDL::Chain chain_;
+  int driven_;
   KDL::ChainFkSolverPos_recursive position_solver_;
   KDL::JntArray joints_;
   std::vector<KDL::Frame> frames_;  ///< tip of every segment

@@ -19,6 +19,7 @@
 #include "core/robot/robot_rules.hpp"
 #include "core/robot/robot_urdf.hpp"
 #include "core/robot/robot_yaml.hpp"
+#include "core/robot/still_turns.hpp"
 #include "crux_msgs/robot.hpp"
 
 namespace crux {
@@ -82,6 +83,7 @@ void read_limb(const Urdf& urdf, const LimbChain& chain, LimbDescription& limb) 
     const bool last = joint == chain.joints.back();
     limb.chain.addSegment(segment(*joint, last ? hand : inertia_of(*urdf.link(joint->child))));
   }
+  limb.driven = static_cast<int>(moving);
 }
 
 /// Fills the sections of a description from a checked file.
@@ -97,17 +99,20 @@ class ReadValue {
  private:
   void read(const char* section, const char* key, double& value) const { value = file_.section(section).number(key); }
   void read(const char* section, const char* key, int& value) const { value = file_.section(section).integer(key); }
+  /// A slot without a joint has what the last joint has.
   void read(const char* section, const char* key, std::array<double, kJoints>& values) const {
-    values = file_.section(section).numbers<kJoints>(key);
+    const std::vector<double> given = file_.section(section).numbers(key);
+    for (std::size_t j = 0; j < values.size(); ++j) values[j] = given[std::min(j, given.size() - 1)];
   }
   void read(const char* section, const char* key, crux_msgs::robot::Interval& value) const {
-    const auto [low, high] = file_.section(section).numbers<2>(key);
-    value = {low, high};
+    const std::vector<double> ends = file_.section(section).numbers(key);
+    value = {ends[0], ends[1]};
   }
   void read(const char* section, const char* key, crux_msgs::robot::Nodes& value) const {
     const YamlSection nodes = file_.section(section).section(key);
-    const std::array<std::string, kJoints> joints = file_.section("limb").texts<kJoints>("joints");
-    for (int j = 0; j < kJoints; ++j) value.joints[j] = nodes.integer(joints[j]);
+    const std::vector<std::string> joints = file_.section("limb").texts("joints");
+    for (std::size_t j = 0; j < value.joints.size(); ++j)
+      value.joints[j] = nodes.integer(joints[std::min(j, joints.size() - 1)]);
     value.gripper = nodes.integer("gripper");
   }
 
@@ -124,8 +129,8 @@ std::string full_name(const std::string& name, const std::string& prefix) {
 }
 
 LimbNames limb_names(const YamlSection& limb, const std::string& prefix) {
-  LimbNames names{limb.texts<kJoints>("joints"), full_name(limb.text("gripper_frame"), prefix),
-                  limb.texts<2>("finger_joints")};
+  const std::vector<std::string> fingers = limb.texts("finger_joints");
+  LimbNames names{limb.texts("joints"), full_name(limb.text("gripper_frame"), prefix), {fingers[0], fingers[1]}};
   for (std::string& joint : names.joints) joint = full_name(joint, prefix);
   for (std::string& joint : names.finger_joints) joint = full_name(joint, prefix);
   return names;
@@ -152,6 +157,10 @@ RobotDescription read_robot(const std::string& yaml_path) {
   const std::string urdf_bytes = read_file(urdf_path);
   const Urdf urdf = parse_urdf(urdf_bytes, urdf_path);
 
+  if (const std::size_t joints = file.section("limb").texts("joints").size(); joints > kJoints)
+    refuse(yaml_path, "limb.joints", "a list of " + std::to_string(joints),
+           "expected at most " + std::to_string(kJoints) + ": limbs of seven joints are planned for, not driven");
+
   RobotDescription robot;
   robot.name = file.text("name");
   robot.sha256 = sha256_hex(robot_meaning(file.node(), urdf_bytes));
@@ -169,9 +178,12 @@ RobotDescription read_robot(const std::string& yaml_path) {
       checked_limbs(urdf, urdf_path, body_link, names, {robot.gripper.opening_m.low, robot.gripper.opening_m.high});
   double fastest_rad_s = 0.0;
   for (int l = 0; l < kLimbs; ++l) {
-    read_limb(urdf, chains[l], robot.limbs[l]);
-    for (const JointLimits& joint : robot.limbs[l].joints)
-      fastest_rad_s = std::max(fastest_rad_s, joint.velocity_rad_s);
+    LimbDescription& limb = robot.limbs[l];
+    read_limb(urdf, chains[l], limb);
+    for (const JointLimits& joint : limb.joints) fastest_rad_s = std::max(fastest_rad_s, joint.velocity_rad_s);
+    if (!add_still_turns(limb))
+      refuse(urdf_path, "limb " + limb.name, "",
+             "expected joints that move the gripper in all three directions from the middle of their ranges");
   }
   const KDL::RigidBodyInertia body = inertia_of(*urdf.link(body_link));
   robot.body_mass_kg = body.getMass();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <ranges>
 #include <set>
 
 #include "core/robot/description_problem.hpp"
@@ -56,7 +57,7 @@ class Rules {
     }
   }
 
-  /// The six joints of a limb and the gripper's mount.
+  /// The joints of a limb and the gripper's mount.
   std::vector<const UrdfJoint*> chain(const std::string& limb, const LimbNames& names) const {
     if (urdf_.link(names.gripper_link) == nullptr)
       refuse(path_, "link " + names.gripper_link, "", "no such link (gripper of limb " + limb + ")");
@@ -67,12 +68,15 @@ class Rules {
     std::vector<std::string> moving;
     for (const UrdfJoint* joint : chain)
       if (joint->kind != "fixed") moving.push_back(joint->name);
-    if (!std::ranges::equal(moving, names.joints))
+    const std::size_t least = bounds::kLeastJoints,
+                      count = std::min(std::max(moving.size(), least), names.joints.size());
+    if (!std::ranges::equal(moving, names.joints | std::views::take(count)))
       refuse(path_, "limb " + limb, listed(moving),
-             "expected the joints " + listed(names.joints) + " from the body outwards");
+             "expected the joints " + listed(names.joints) + " from the body outwards" +
+                 (names.joints.size() > least ? ", or the first " + std::to_string(least) + " or more of them" : ""));
     if (chain.back()->kind != "fixed")
       refuse(path_, "limb " + limb, "",
-             "expected " + std::to_string(kJoints) + " joints and then the fixed mount of the gripper");
+             "expected " + std::to_string(moving.size()) + " joints and then the fixed mount of the gripper");
     for (const UrdfJoint* joint : chain)
       if (joint->kind != "fixed" && joint->kind != "revolute") refuse_joint(*joint, joint->kind, "expected revolute");
     return chain;

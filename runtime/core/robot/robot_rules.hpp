@@ -1,5 +1,6 @@
 // What planner and runtime stand on beyond the form of a URDF, with the checks of crux_contracts.robot_rules in their
-// order: a tree of bodies with masses, four limbs of six revolute joints, fingers that close along the gripper's x.
+// order: a tree of bodies with masses, four limbs of four to seven revolute joints, fingers that close along the
+// gripper's x.
 #pragma once
 
 #include <array>
@@ -18,7 +19,7 @@ struct LimbChain {
 
 /// Of robot.yaml, what the URDF has to fit; names with their prefixes, limbs in the order LF, RF, LR, RR.
 struct LimbNames {
-  std::array<std::string, kJoints> joints;
+  std::vector<std::string> joints;  ///< of which a limb has the first alone
   std::string gripper_link;
   std::array<std::string, 2> finger_joints;
 };

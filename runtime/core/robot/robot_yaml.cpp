@@ -243,13 +243,13 @@ class Checker {
     return note(node, place, expected + hint), false;
   }
 
-  bool check_numbers(const YAML::Node& node, const std::string& place, const RobotKey& key) {
-    if (!node.IsSequence() || node.size() != key.count) {
+  bool check_numbers(const YAML::Node& node, const std::string& place, const RobotKey& key, std::size_t count) {
+    if (!node.IsSequence() || node.size() != count) {
       const std::string in_unit = key.unit.empty() ? "" : " in " + std::string(key.unit);
-      note(node, place, "expected a list of " + std::to_string(key.count) + " numbers" + in_unit);
+      note(node, place, "expected a list of " + std::to_string(count) + " numbers" + in_unit);
       return false;
     }
-    for (std::size_t i = 0; i < key.count; ++i)
+    for (std::size_t i = 0; i < count; ++i)
       if (!check_number(node[i], place + "[" + std::to_string(i) + "]", key.low, key.high, key.unit)) return false;
     return true;
   }
@@ -300,7 +300,7 @@ class Checker {
         check_integer(node, place, key.low, key.high);
         break;
       case RobotKeyType::kPerJoint:
-        check_numbers(node, place, key);
+        check_numbers(node, place, key, !joints_.empty() ? joints_.size() : node.IsSequence() ? node.size() : kJoints);
         break;
       case RobotKeyType::kInterval:
         check_interval(node, place, key);
@@ -321,7 +321,7 @@ class Checker {
   }
 
   void check_interval(const YAML::Node& node, const std::string& place, const RobotKey& key) {
-    if (!check_numbers(node, place, key)) return;
+    if (!check_numbers(node, place, key, key.count)) return;
     const double low = value_of(node[0].Scalar()), high = value_of(node[1].Scalar());
     if (low >= high)
       note(node, place, "[" + crux::shown(low) + ", " + crux::shown(high) + "]",
@@ -335,15 +335,20 @@ class Checker {
   }
 
   void check_names(const YAML::Node& node, const std::string& place, const RobotKey& key) {
-    if (!node.IsSequence() || node.size() != key.count)
-      return note(node, place, "expected a list of " + std::to_string(key.count) + " names");
+    const bool joints = key.key == "joints";
+    const std::size_t least = joints ? bounds::kLeastJoints : key.count,
+                      most = joints ? bounds::kMostJoints : key.count;
+    if (!node.IsSequence() || node.size() < least || node.size() > most)
+      return note(
+          node, place,
+          "expected a list of " + std::to_string(least) + (joints ? " to " + std::to_string(most) : "") + " names");
     const std::size_t before = problems_.size();
-    for (std::size_t i = 0; i < key.count; ++i) check_text(node[i], place + "[" + std::to_string(i) + "]");
-    if (key.key != "joints" || problems_.size() > before) return;
+    for (std::size_t i = 0; i < node.size(); ++i) check_text(node[i], place + "[" + std::to_string(i) + "]");
+    if (!joints || problems_.size() > before) return;
     for (const YAML::Node& name : node) joints_.push_back(name.Scalar());
   }
 
-  /// Numbers on the bus, which the CAN database fixes: from the shoulder outwards, the gripper last.
+  /// Numbers on the bus, which the CAN database fixes: from the shoulder outwards; the gripper's is always one.
   void check_nodes(const YAML::Node& node, const std::string& place) {
     if (joints_.empty()) return;
     std::vector<std::string> names = joints_;
@@ -351,9 +356,11 @@ class Checker {
     const YAML::Node found = members(node, place, names);
     for (std::size_t i = 0; i < names.size(); ++i) {
       const YAML::Node one = found[names[i]];
-      if (!one || (kind_of(one) == Kind::kInteger && value_of(one.Scalar()) == static_cast<double>(i + 1))) continue;
+      const std::size_t gripper = kJoints + 1;
+      const std::size_t number = i + 1 == names.size() ? gripper : i + 1 < gripper ? i + 1 : i + 2;
+      if (!one || (kind_of(one) == Kind::kInteger && value_of(one.Scalar()) == static_cast<double>(number))) continue;
       note(one, path_to(place, names[i]),
-           "expected " + std::to_string(i + 1) + ": nodes count from the shoulder outwards");
+           "expected " + std::to_string(number) + ": nodes count from the shoulder outwards");
     }
   }
 

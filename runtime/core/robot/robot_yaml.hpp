@@ -4,8 +4,8 @@
 
 #include <yaml-cpp/yaml.h>
 
-#include <array>
 #include <string>
+#include <vector>
 
 #include "core/robot/geometry.hpp"
 
@@ -25,17 +25,15 @@ class YamlSection {
   double number(const std::string& key) const { return value(node_[key]); }
   int integer(const std::string& key) const { return static_cast<int>(number(key)); }
 
-  template <std::size_t N>
-  std::array<double, N> numbers(const std::string& key) const {
-    std::array<double, N> values{};
-    for (std::size_t i = 0; i < N; ++i) values[i] = value(node_[key][i]);
+  std::vector<double> numbers(const std::string& key) const {
+    std::vector<double> values;
+    for (const YAML::Node& each : node_[key]) values.push_back(value(each));
     return values;
   }
 
-  template <std::size_t N>
-  std::array<std::string, N> texts(const std::string& key) const {
-    std::array<std::string, N> values;
-    for (std::size_t i = 0; i < N; ++i) values[i] = node_[key][i].Scalar();
+  std::vector<std::string> texts(const std::string& key) const {
+    std::vector<std::string> values;
+    for (const YAML::Node& each : node_[key]) values.push_back(each.Scalar());
     return values;
   }
 

@@ -18,6 +18,7 @@ def check_limb(kind: tuple[str, int, int]) -> None:
     (limb,) = read_model(text.encode(), "base", (("LF", "tip", names, ()),)).limbs
     low, high = arm_of(limb)[0].lower_rad, arm_of(limb)[0].upper_rad
     q_rad = np.random.default_rng(kind[2]).uniform(low + 0.05, high - 0.05, (3, kind[1]))
+    q_rad -= (q_rad - (low + high) / 2) @ spare_motion(limb)
     places, turns = check_forward(limb, text, q_rad)
     for i in range(len(q_rad)):
         (found,) = solve([limb], [places[i : i + 1]], [turns[i : i + 1]])
@@ -25,6 +26,17 @@ def check_limb(kind: tuple[str, int, int]) -> None:
         assert found.rotation_error_rad[0] < 1e-6
         state = limb.forward(found.q_rad)
         assert state.link_position_m["tip"][0] == pytest.approx(places[i], abs=1e-6)
+
+
+def spare_motion(limb: Limb) -> np.ndarray:
+    """(J, J) that leaves of angles what moves the tip of a limb of seven joints nowhere, in the middle of their ranges;
+    of other limbs 0.
+    """
+    arm, _ = arm_of(limb)
+    count = len(arm.lower_rad)
+    position, _, origins, axes = arm.forward((arm.lower_rad + arm.upper_rad)[:, None] / 2)
+    slopes = jacobian(position, origins, axes)[..., 0]
+    return np.eye(count) - np.linalg.pinv(slopes) @ slopes if count > 6 else np.zeros((count, count))
 
 
 def check_forward(limb: Limb, text: str, q_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

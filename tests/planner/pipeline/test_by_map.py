@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot
+from crux_contracts.robot_bounds import JOINTS
 from crux_contracts.scenario import parse_scenario
 from crux_planner.checker import CheckReport, Violation
 from crux_planner.model.arrays import Array
@@ -22,7 +23,7 @@ from crux_planner.search.ends import level_aims
 from crux_planner.search.map_search import MapSearch
 from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about
 from crux_planner.swing.swing_cache import SwingCache
-from crux_planner.trajectory.joint_limits import JOINTS, JointLimits, Moment
+from crux_planner.trajectory.joint_limits import JointLimits, Moment
 from crux_planner.trajectory.link_planes import OFF_M
 from crux_simulation.benchmarks.random_fields import random_field
 from shared_plans import unproven

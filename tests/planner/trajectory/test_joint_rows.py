@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot, load_robot
+from crux_contracts.robot_bounds import JOINTS
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
@@ -16,7 +17,7 @@ from crux_planner.model.schedule import Schedule
 from crux_planner.reach.arm import reaches_of
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.solids import gap_m
-from crux_planner.trajectory.joint_limits import JOINTS, JointLimits
+from crux_planner.trajectory.joint_limits import JointLimits
 from crux_planner.trajectory.joint_rows import JointFunctions
 from crux_planner.trajectory.link_planes import OFF_M, Planes, _off_trunk, planes_about
 from reach.pinocchio_limb import PinocchioLimb

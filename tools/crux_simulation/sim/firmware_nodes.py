@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
+from crux_contracts.robot_bounds import JOINTS
 from crux_tools.errors import WorkFailed
 from crux_tools.paths import built
 
@@ -45,6 +46,9 @@ class FirmwareNodes:
             self._nodes = host.Nodes(built(LIBRARY), bus_urls, joints, grippers, host.parameter_hash(robot))
         except host.NodesError as error:
             raise WorkFailed(f"firmware nodes: {error}") from error
+        for limb, own in enumerate(robot.limbs):
+            for node in range(len(own.joints) + 1, JOINTS + 1):
+                self._nodes.disturb(limb, node, True)  # there is none
         self._sim = library()
         self.handle = self._nodes.handle
         self.before_sync: Callable[[], None] = lambda: None

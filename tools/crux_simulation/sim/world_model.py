@@ -14,7 +14,7 @@ from crux_contracts.interpolation import is_walk
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import FACE_NAMES
 from crux_msgs import limb_knot_t, plan_t
-from crux_tools.robot3d.robot_model import RobotModel, finger_joints
+from crux_tools.robot3d.robot_model import RobotModel, finger_joints, slot_names
 
 from crux_simulation.sim.native import HoldBreakRow, PlantWorld, PushRow, SensorErrorRow
 from crux_simulation.sim.world import ERRORS, JOINT_NAMES, SENSORS, GripperChange, HoldChange, JointChange, World
@@ -81,8 +81,7 @@ def change_robot(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
             name="payload", pos=world.payload.position_m, ipos=[0, 0, 0], mass=world.payload.mass_kg,
             inertia=[1e-6] * 3, explicitinertial=True,
         )  # fmt: skip
-    names = [name for limb in robot.limbs for name in limb.joint_names]
-    for name, place in zip(names, JOINT_NAMES, strict=True):
+    for name, place in zip(slot_names(robot), JOINT_NAMES, strict=True):
         if place in world.joints:
             _change_joint(spec.joint(name), world.joints[place])
     for name, limb in zip(finger_joints(robot), np.repeat(LIMB_NAMES, 2), strict=True):
@@ -194,7 +193,7 @@ def plant_world(world: World, robot: RobotModel, names: Sequence[str]) -> PlantW
         PushRow((ctypes.c_double * 6)(*push.force_N, *push.moment_Nm), push.at_s, push.at_s + push.for_s)
         for push in world.pushes
     ]
-    names_of_joints = [_play(name) for limb in robot.robot.limbs for name in limb.joint_names]
+    names_of_joints = [_play(name) for name in slot_names(robot.robot)]
     elastic = [math.isfinite(joint.stiffness_Nm_rad) for joint in joints]
     plays = [robot.model.joint(name) if yes else None for name, yes in zip(names_of_joints, elastic, strict=True)]
     numbers = PlantWorld(ambient_degc=world.ambient_degC, gone_m=GONE_M)

@@ -139,7 +139,7 @@ def frames(log: Telemetry, robot: Robot) -> list[Frames]:
     """All frames, a bus after the other, each in the order of a cycle: answers, commands, Sync."""
     found = []
     for limb in range(len(LIMB_NAMES)):
-        joints = [part for joint in range(can_codec.JOINTS) for part in _joint(log, robot, limb, joint)]
+        joints = [part for joint in range(len(robot.limbs[limb].joints)) for part in _joint(log, robot, limb, joint)]
         for message, signals, there in sorted([*joints, *_gripper(log, limb)], key=lambda part: _order(part[0])):
             rows = np.flatnonzero(there)
             chosen = {name: value[rows] if isinstance(value, np.ndarray) else value for name, value in signals.items()}

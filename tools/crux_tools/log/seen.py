@@ -15,6 +15,7 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import SUPERVISOR_STATES
 from crux_contracts.robot import Robot
+from crux_contracts.robot_bounds import JOINTS
 from crux_contracts.urdf import Joint
 from crux_msgs import acknowledgement_t, command_t
 from scipy.spatial.transform import Rotation
@@ -70,9 +71,8 @@ class Seen:
 
     def limb_of_joint(self, joint: int) -> str:
         """The name of the limb that joint number `joint` of `joints` moves."""
-        arm = sum(len(limb.joint_names) for limb in self.robot.limbs)
-        per_limb, at = (arm, joint) if joint < arm else (len(self.joints) - arm, joint - arm)
-        return LIMB_NAMES[at * len(LIMB_NAMES) // per_limb]
+        name = self.joints[joint]
+        return next(limb.name for limb in self.robot.limbs if name in (*limb.joint_names, *limb.finger_joints))
 
     def block(self, first: int, end: int) -> Seen:
         """Some of the moments."""
@@ -152,7 +152,8 @@ def _joint_values(log: Telemetry, robot: Robot, rows: np.ndarray) -> tuple[list[
     fingers = np.stack([inputs[name] for name in ("finger_opening_m", "finger_speed_m_s", "finger_force_n")], axis=2)
     names = [name for limb in robot.limbs for name in limb.joint_names]
     names += [name for limb in robot.limbs for name in limb.finger_joints]
-    return names, np.concatenate([joints, np.repeat(fingers, 2, axis=1)], axis=1)
+    there = [JOINTS * i + j for i, limb in enumerate(robot.limbs) for j in range(len(limb.joints))]
+    return names, np.concatenate([joints[:, there], np.repeat(fingers, 2, axis=1)], axis=1)
 
 
 def grip_of_limbs(log: Telemetry, robot: Robot) -> Grip:

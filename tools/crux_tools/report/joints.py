@@ -9,6 +9,7 @@ import numpy as np
 from crux_contracts import LIMB_NAMES, can_codec
 from crux_contracts.motors import joint_continuous_torque_Nm
 from crux_contracts.robot import Robot
+from crux_contracts.robot_types import of_slots
 
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.lag import lagged
@@ -94,7 +95,7 @@ def joint_loads(log: Telemetry, robot: Robot) -> JointLoads:
     torque = joint_torques_Nm(log)
     climbing = log.state["supervisor_state"] == CLIMBING
     loaded = torque[climbing] if climbing.any() else torque
-    effort = np.array([limb.effort_Nm for limb in robot.limbs])
+    effort = np.array([of_slots([joint.effort for joint in limb.joints]) for limb in robot.limbs])
     continuous = np.minimum(joint_continuous_torque_Nm(robot.motor), effort)
     heat = heat_share(torque, continuous, robot.motor.heating_time_s, float(log.inputs["dt_s"][0]))
     return JointLoads(
@@ -102,6 +103,6 @@ def joint_loads(log: Telemetry, robot: Robot) -> JointLoads:
         rms=np.sqrt(np.mean(loaded**2, axis=0)),
         peak_limit=effort,
         continuous_limit=continuous,
-        advised=np.broadcast_to(robot.servo.continuous_torque_Nm, effort.shape),
+        advised=np.broadcast_to(of_slots(robot.servo.continuous_torque_Nm), effort.shape),
         heat=heat.max(axis=0),
     )

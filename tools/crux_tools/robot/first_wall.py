@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 SLOPES_DEG = (90, 75, 60, 45, 30, 15, 0)
 MOST_SHARE = 0.75  # of the peak torques on three limbs: the planner keeps a quarter
-TRIES, LIMIT_S = 3, 30.0  # slopes that are planned, and CPU seconds for each
+TRIES, LIMIT_S = 3, 60.0  # slopes that are planned, and CPU seconds for each
 ASIDE = (-0.5, 0.0, 0.5)  # steps by which the body may be below or above its holds' middle for a lift
 
 

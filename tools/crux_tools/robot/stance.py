@@ -10,6 +10,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from crux_contracts.robot_bounds import JOINTS
 from crux_planner.checker import geometry
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import ChainState, Limb, WholeRobot
@@ -52,7 +53,8 @@ def limb_reach(limb: Limb, sections: dict[str, Any]) -> LimbReach:
     shoulder = limb.chain[0].origin_m
     outward = 1.0 if shoulder[1] >= 0 else -1.0
     x = shoulder[0] + np.arange(-span, span + STEP_M, STEP_M)
-    y = outward * np.arange(0.0, abs(shoulder[1]) + span + STEP_M, STEP_M)
+    first = abs(shoulder[1]) % STEP_M if len(limb.joints) < JOINTS else 0.0  # such a limb may reach ahead of it alone
+    y = outward * np.arange(first, abs(shoulder[1]) + span + STEP_M, STEP_M)
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
     grid[1::2] = grid[1::2, ::-1]  # to and fro: each place is near the one before, from whose posture it is found
     flat = grid.reshape(-1, 2)

@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from crux_contracts.interpolation import is_walk
 from crux_contracts.robot import Limb, Robot
+from crux_contracts.robot_bounds import JOINTS
 from crux_contracts.urdf import link_shapes
 from numpy.typing import NDArray
 
@@ -126,6 +127,24 @@ def _add_grippers(spec: mujoco.MjSpec, robot: Robot) -> None:
         coupling.solref, coupling.solimp = COUPLING_SOLREF, COUPLING_SOLIMP
 
 
+def slot_names(robot: Robot) -> list[str]:
+    """(24,) of the joints, limb-major; a slot without a joint is a hinge of its own that nothing hangs on."""
+    return [
+        name
+        for limb in robot.limbs
+        for name in (*limb.joint_names, *(f"{limb.name}/slot{n}" for n in range(len(limb.joints) + 1, JOINTS + 1)))
+    ]
+
+
+def _add_idle_slots(spec: mujoco.MjSpec, robot: Robot) -> None:
+    joints = {name for limb in robot.limbs for name in limb.joint_names}
+    for name in slot_names(robot):
+        if name not in joints:
+            body = spec.worldbody.add_body(name=name, mass=1.0, inertia=[1.0] * 3, ipos=[0] * 3, explicitinertial=True)
+            body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1], range=[-0.1, 0.1], damping=1.0)
+            spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
+
+
 def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
     servo = robot.servo
     for limb in robot.limbs:
@@ -177,6 +196,9 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
 
     `scenery` may add what only pictures need (sky, lights, cameras) before the model is compiled.
     """
+    if (most := max(len(limb.joints) for limb in robot.limbs)) > JOINTS:
+        what = f"limbs of {most} joints are planned for and checked, not driven: expected at most {JOINTS}"
+        raise UsageError(f"{robot.folder}: {what}")
     spec = urdf_spec(robot)
     spec.modelname = robot.name
     set_solver_options(spec, robot.dt_s)
@@ -184,6 +206,7 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
     _let_shapes_collide(spec)
     spec.body(robot.body_link).add_freejoint(name="root")
     _add_servos(spec, robot)
+    _add_idle_slots(spec, robot)
     _add_grippers(spec, robot)
     faces = add_wall(spec, plan)
     fingers = finger_joints(robot)
@@ -200,8 +223,7 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
 
 
 def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face], point_feet: bool) -> RobotModel:
-    joints = [name for limb in robot.limbs for name in limb.joint_names]
-    fingers = finger_joints(robot)
+    joints, fingers = slot_names(robot), finger_joints(robot)
     sites = np.array([model.site(_sensor_site(limb)).id for limb in robot.limbs])
     ft_sensors = [
         model.sensor_adr[i] + np.arange(3) for site in sites for i in np.flatnonzero(model.sensor_objid == site)

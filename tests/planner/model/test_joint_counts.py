@@ -1,0 +1,68 @@
+"""Limbs of four, five and seven joints: numeric kinematics against the checker's, which shares no code with them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot, RobotError, load_robot
+from crux_contracts.robot_bounds import STILL_RAD
+from crux_planner.checker.inverse_kinematics import solve
+from crux_planner.checker.limb_model import load_model
+from crux_planner.model.chain import chain_inverse, forward
+from crux_planner.model.kinematics import limit_margin
+from other_counts import with_joints
+
+COUNTS = (4, 5, 7)
+
+
+@pytest.fixture(scope="module", params=COUNTS)
+def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return load_robot(with_joints(request.param, tmp_path_factory.mktemp("robot")))
+
+
+def test_a_pose_that_the_joints_make_is_found_and_no_turn_is_missing(robot: Robot) -> None:
+    limb, model = robot.limbs[1], load_model(robot).limbs[1]
+    own, random = len(limb.joints), np.random.default_rng(3)
+    low, high = limb.lower_rad, limb.upper_rad
+    q = (low + high) / 2 + random.uniform(-0.15, 0.15, (200, len(low))) * (high - low)
+    q[:, own:] = 0.0
+    placed = forward(limb.at_zero, q)
+    place, turn = placed.gripper_m.T, np.moveaxis(placed.rotation, -1, 0)
+    found, reached = chain_inverse(limb).inverse(place, turn)
+    upright = placed.rotation[2, 2] > 0.9  # the lattice is of such
+    assert reached[upright].mean() > 0.6
+    assert np.abs(found[reached, own:]).max(initial=0.0) < 1e-6
+    (others,) = solve([model], [place[reached]], [turn[reached]])
+    same = np.abs(others.q_rad - found[reached, :own]).max(axis=1) < 1e-4
+    assert others.position_error_m.max() < 1e-5
+    assert same.mean() > 0.95  # the rest took another branch on the way
+
+
+def test_a_turn_that_no_joint_makes_is_no_reach(tmp_path: Path) -> None:
+    robot = load_robot(with_joints(4, tmp_path))
+    limb = robot.limbs[0]
+    ahead, aside = (limb.shoulder_b_m + np.array([0.24, y, -0.15]) for y in (0.0, 0.05))
+    for place, expected in ((ahead, True), (aside, False)):
+        q, reached = chain_inverse(limb).inverse(place, np.eye(3))
+        assert reached
+        assert (limit_margin(limb, q) > 0.0) == expected
+        assert (np.abs(q[4:]).max() < STILL_RAD) == expected
+        (others,) = solve(load_model(robot).limbs[:1], [place[None]], [np.eye(3)[None]])
+        assert (others.rotation_error_rad[0] < 1e-6) == expected
+
+
+def test_limbs_of_one_robot_may_differ(tmp_path: Path) -> None:
+    robot = load_robot(with_joints(4, tmp_path, LIMB_NAMES[:2], six=True))
+    assert [len(limb.joints) for limb in robot.limbs] == [4, 4, 6, 6]
+    assert [limb.still for limb in robot.limbs] == [2, 2, 0, 0]
+
+
+def test_joints_that_do_not_move_the_gripper_in_all_directions_are_refused(tmp_path: Path) -> None:
+    folder = with_joints(4, tmp_path)
+    urdf = folder / "scaler.urdf"
+    urdf.write_text(urdf.read_text().replace('xyz="0 0 1"', 'xyz="0 1 0"'))
+    with pytest.raises(RobotError, match=r"limb LF: expected joints that move the gripper in all three directions"):
+        load_robot(folder)

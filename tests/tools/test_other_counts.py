@@ -1,0 +1,66 @@
+"""Robots with limbs of four or seven joints: a first wall is fitted to them, planned, and climbed by the former."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from subprocess import run
+from typing import Any
+
+import crux_planner
+import pytest
+from climbs import climb_here, saved
+from crux_contracts.scenario import load_scenario
+from crux_tools import cli
+from crux_tools.paths import built
+from crux_tools.telemetry import read_log
+from other_counts import with_joints
+
+
+def planned(robot: Path, wall: Path, capsys: pytest.CaptureFixture[str]) -> Any:
+    """The plan on the wall that `crux robot check` fits."""
+    cli.main(["robot", "check", str(robot), "--wall", str(wall), "--json"])
+    checks = {check["topic"]: check for check in json.loads(capsys.readouterr().out)["checks"]}
+    assert checks["reach"]["verdict"] == checks["first wall"]["verdict"] == "good"
+    scenario = load_scenario(wall)
+    assert scenario.wall.slope_deg >= 30
+    result = crux_planner.plan(scenario, robot)
+    assert result.check.ok
+    return result.plan
+
+
+def checked_by_the_runtime(robot: Path) -> Any:
+    words = [built("runtime/app/crux-runtime"), "--robot", robot, "--check"]
+    return run(words, check=False, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.sweep
+def test_four_joints_climb_holds_that_they_grip_squarely(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some 60 s: the reach of its limbs is mapped, and the wall is planned twice."""
+    robot, wall, log = with_joints(4, tmp_path), tmp_path / "wall.yaml", tmp_path / "climb.mcap"
+    monkeypatch.setenv("CRUX_ROBOTS", str(tmp_path))
+    plan = planned(robot, wall, capsys)
+    status, said = climb_here(saved(tmp_path, plan), log)
+    assert (status, said["ok"], said["slips"]) == (0, True, 0)
+    told = read_log(log).outputs["joint_position_rad"].reshape(-1, 4, 6)
+    assert (told[..., 4:] == 0.0).all()  # nobody is told to make a turn that no joint makes
+    assert abs(told[..., 1:4]).max() > 0.5
+
+
+@pytest.mark.sweep
+def test_seven_joints_are_planned_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some 60 s, as above."""
+    robot = with_joints(7, tmp_path)
+    monkeypatch.setenv("CRUX_ROBOTS", str(tmp_path))
+    assert len(planned(robot, tmp_path / "wall.yaml", capsys).knots) > 10
+
+
+@pytest.mark.parametrize(("count", "words"), [(4, ""), (5, ""), (7, "limb.joints: a list of 7: expected at most 6")])
+def test_the_runtime_takes_those_that_it_drives(count: int, words: str, tmp_path: Path) -> None:
+    done = checked_by_the_runtime(with_joints(count, tmp_path))
+    assert (done.returncode == 0) == (not words)
+    assert words in done.stderr
