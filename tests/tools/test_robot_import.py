@@ -19,6 +19,7 @@ from crux_planner.model.chain import forward
 from crux_planner.model.shapes import limb_radii_m
 from crux_tools import cli
 from makers_urdf import makers_files
+from other_counts import with_joints
 
 LIMBS = {"LF": "", "RF": "1", "LR": "3", "RR": "2"}
 KINDS = ("yaw", "hip", "knee", "pitch", "roll", "turn")
@@ -211,6 +212,47 @@ def test_meshes_become_capsules_and_masses_are_scaled(tmp_path: Path, capsys: py
     assert origin is not None
     assert capsule.attrib == {"radius": "0.02", "length": "0.15000"}
     assert origin.attrib["xyz"] == "0.075 0 0"
+
+
+FIVE = """
+name: mine
+like: scaler
+body_link: base
+limbs: {LF: LF, RF: RF, LR: LR, RR: RR}
+joints: ["{}_joint1", "{}_joint2", "{}_joint3", "{}_joint4", "{}_joint6"]
+gripper: {link: "{}_gripper"}
+fingers: ["{}_finger1_slide", "{}_finger2_slide"]
+"""
+
+
+def test_limbs_of_five_joints_come_in(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf, mapping = with_joints(5, tmp_path) / "scaler.urdf", tmp_path / "mapping.yaml"
+    mapping.write_text(FIVE)
+    words = ["robot", "import", str(urdf), "--mapping", str(mapping), "-o", str(tmp_path / "mine"), "--json"]
+    assert cli.main(words) == 0
+    assert json.loads(capsys.readouterr().out)["problems"] == []
+    one, other = load_robot(tmp_path / "scaler"), load_robot(tmp_path / "mine")
+    assert other.can.nodes == {"joint1": 1, "joint2": 2, "joint3": 3, "joint4": 4, "joint6": 5, "gripper": 7}
+    q_rad = np.array([[0.3, 0.4, 1.5, -0.6, 0.2, 0.0]])
+    for a, b in zip(one.limbs, other.limbs, strict=True):
+        assert forward(b.at_zero, q_rad).gripper_m == pytest.approx(forward(a.at_zero, q_rad).gripper_m, abs=2e-5)
+
+
+def test_what_a_mapping_names_and_the_urdf_has_not_is_told_of_all_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf, mapping = with_joints(5, tmp_path) / "scaler.urdf", tmp_path / "mapping.yaml"
+    mapping.write_text(FIVE.replace("{}_joint3", "{}_knee").replace("{}_finger1_slide", "{}_joint1"))
+    assert cli.main(["robot", "import", str(urdf), "--mapping", str(mapping), "-o", str(tmp_path / "mine")]) == 2
+    said = capsys.readouterr().err
+    for limb in LIMBS:
+        assert f"joints: {limb}_knee: expected of limb {limb} one of the URDF's revolute or continuous joints" in said
+        assert f"fingers: {limb}_joint1: revolute: expected of limb {limb} one of the URDF's prismatic joints" in said
+    urdf.write_text(re.sub('type="prismatic"', 'type="fixed"', urdf.read_text()))
+    assert cli.main(["robot", "import", str(urdf), "-o", str(tmp_path / "mine")]) == 2
+    said = capsys.readouterr().err
+    assert "LF_joint1 (revolute)" in said
+    assert "none slides: crux grips with two fingers that do" in said
 
 
 SHIPPED = ROBOTS / "scaler" / "scaler.urdf"

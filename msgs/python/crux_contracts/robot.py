@@ -188,9 +188,9 @@ def _limbs(rules: RobotRules, file: RobotYaml) -> tuple[Limb, ...] | None:
         return tuple(limbs)
     slots = max(JOINTS, *(len(limb.joints) for limb in limbs))
     whole = []
-    for limb in limbs:
-        if (made := completed(_without_closed_form(limb), slots)) is None:
-            rules.note(f"limb {limb.name}", "", CANNOT_PLACE)
+    for each in limbs:
+        if (made := completed(_without_closed_form(each), slots)) is None:
+            rules.note(f"limb {each.name}", "", CANNOT_PLACE)
         else:
             whole.append(made)
     return tuple(whole) if len(whole) == len(limbs) else None

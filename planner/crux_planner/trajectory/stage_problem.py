@@ -98,7 +98,7 @@ class StageProblem:
 
     @property
     def _interval_torques(self) -> int:
-        return 2 * self.problem.torque_limits_Nm.shape[1]
+        return 2 * int(self.problem.torque_limits_Nm.shape[1])
 
     def _set_rows(self, lows: list[Array], highs: list[Array]) -> None:
         self.low, self.high = (np.concatenate([part.ravel() for part in parts]) for parts in (lows, highs))

@@ -46,9 +46,9 @@ class FirmwareNodes:
             self._nodes = host.Nodes(built(LIBRARY), bus_urls, joints, grippers, host.parameter_hash(robot))
         except host.NodesError as error:
             raise WorkFailed(f"firmware nodes: {error}") from error
-        for limb, own in enumerate(robot.limbs):
+        for number, own in enumerate(robot.limbs):
             for node in range(len(own.joints) + 1, JOINTS + 1):
-                self._nodes.disturb(limb, node, True)  # there is none
+                self._nodes.disturb(number, node, True)  # there is none
         self._sim = library()
         self.handle = self._nodes.handle
         self.before_sync: Callable[[], None] = lambda: None

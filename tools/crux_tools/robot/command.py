@@ -33,10 +33,11 @@ def _add_import(actions: Any) -> None:
     from crux_tools.robot.mapping import EXAMPLE
 
     how = taught(
-        "Makes a robot folder of a maker's URDF: a body, and limbs of six joints, a gripper and two fingers. What is "
-        "fixed or locked to a link becomes part of it; frames, senses and names become crux's. What a URDF cannot say "
-        "stands in a mapping; everything that neither says is listed at once, and nothing is written then. Exit status "
-        "0 also where planner and runtime do not take the robot yet: `crux robot check` gives every reason.",
+        "Makes a robot folder of a maker's URDF: a body, and limbs of four to seven joints, a gripper and two fingers. "
+        "What is fixed or locked to a link becomes part of it; frames, senses and names become crux's. What a URDF "
+        "cannot say stands in a mapping; everything that neither says is listed at once, and nothing is written then. "
+        "Exit status 0 also where planner and runtime do not take the robot yet: `crux robot check` gives every "
+        "reason.",
         "crux robot import maker.urdf --mapping mapping.yaml -o robots/mine",
     )
     how["epilog"] += "\n\na mapping:\n" + textwrap.indent(EXAMPLE, "  ")

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from crux_contracts.robot import RobotError, load_robot, robot_files, robot_names
-from crux_contracts.urdf import parse_xml, read_urdf
+from crux_contracts.urdf import Urdf, parse_xml, read_urdf
 from crux_contracts.yaml_document import Plain, Problem, read_bytes, values
 
 from crux_tools.errors import UsageError
 from crux_tools.robot.facts import Facts, JointFacts
 from crux_tools.robot.mapping import Mapping, MappingError, read_mapping
-from crux_tools.robot.serial import Reader
+from crux_tools.robot.serial import NO_GRIPPER, Reader
 from crux_tools.robot.written import Hand, robot_yaml, urdf_text
 
 
@@ -39,6 +39,7 @@ def imported(urdf_path: Path, mapping_path: Path | None, folder: Path) -> Import
     if urdf is None:
         raise MappingError(str(urdf_path), found)
     if any(not getattr(mapping, key) for key in ("body_link", "limbs", "joints", "gripper", "fingers")):
+        problems.append(_there(urdf, str(urdf_path)))
         raise MappingError(mapping.path, problems)
     own = {f"joint {mapping.of(name, limb)}" for name in mapping.joints for limb in mapping.limbs}
     mimics = [each for each in found if each.value == "mimic" and each.key in own]
@@ -66,6 +67,14 @@ def imported(urdf_path: Path, mapping_path: Path | None, folder: Path) -> Import
     first: JointFacts = numbers[limbs[0].name][1]
     (folder / "robot.yaml").write_text(robot_yaml(mapping, like, first), encoding="utf-8")
     return Imported(folder, _assumed(mapping, meshes), _refusals(folder))
+
+
+def _there(urdf: Urdf, path: str) -> Problem:
+    """What a mapping may name: the joints of the URDF that move."""
+    moving = [f"{joint.name} ({joint.kind})" for joint in urdf.joints.values() if joint.kind != "fixed"]
+    slide = any(joint.kind == "prismatic" for joint in urdf.joints.values())
+    lacks = "" if slide else f"; none slides: crux grips with two fingers that do, {NO_GRIPPER}"
+    return Problem("joints that move", ", ".join(moving) or "none", f"a mapping names those of limbs{lacks}", file=path)
 
 
 def _plain(mapping: Mapping) -> dict[str, Plain]:

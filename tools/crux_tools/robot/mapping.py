@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from crux_contracts import LIMB_NAMES
-from crux_contracts.robot_bounds import JOINTS
+from crux_contracts.robot_bounds import LEAST_JOINTS, MOST_JOINTS
 from crux_contracts.yaml_document import DocumentError, Problem, parse_mapping, read_bytes, values
 
 EXAMPLE = """name: mine                                   # of the robot
 like: scaler                                 # whose robot.yaml has all that is said nowhere else, marked [A]
 body_link: base
 limbs: {LF: 0, RF: 1, LR: 2, RR: 3}          # what stands for {} below
-joints: ["yaw{}", "hip{}", "knee{}", "pitch{}", "roll{}", "turn{}"]   # shoulder outwards
+joints: ["yaw{}", "hip{}", "knee{}", "pitch{}", "roll{}", "turn{}"]   # shoulder outwards: four to seven
 gripper: {link: "palm{}", origin_m: [0, 0, -0.05]}   # between the pads; x: opening axis, z: off the wall
 fingers: ["left{}", "right{}"]               # finger 1 moves towards +x of the gripper
 locked: {waist: 0}                           # joints that stay where they are
@@ -75,7 +75,7 @@ _NEEDED = {
     "like": "a robot whose robot.yaml has all that is said nowhere else: scaler",
     "body_link": "the link of the body",
     "limbs": f"for each of {', '.join(LIMB_NAMES)} what stands for {{}} in the names",
-    "joints": f"names of the {JOINTS} joints of a limb, shoulder outwards, with {{}} for the limb",
+    "joints": f"names of a limb's {LEAST_JOINTS} to {MOST_JOINTS} joints, shoulder outwards, with {{}} for the limb",
     "gripper": "link: the link of the gripper; origin_m: the place between the pads in it",
     "fingers": "names of the sliding joints of finger 1 (towards +x of the gripper) and finger 2",
 }
@@ -124,9 +124,11 @@ def _check(mapping: Mapping, problems: list[Problem]) -> None:
         mapping.limbs = {}
     mapping.limbs = {name: "" if mapping.limbs[name] is None else str(mapping.limbs[name])
                      for name in LIMB_NAMES if name in mapping.limbs}  # fmt: skip
-    for name, count in (("joints", JOINTS), ("fingers", 2)):
+    for name, least, most in (("joints", LEAST_JOINTS, MOST_JOINTS), ("fingers", 2, 2)):
         found = getattr(mapping, name)
-        if found and (len(found) != count or not all(isinstance(each, str) and "{}" in each for each in found)):
+        named = all(isinstance(each, str) and "{}" in each for each in found)
+        if found and not (named and least <= len(found) <= most):
+            count = f"{least}" if least == most else f"{least} to {most}"
             refuse(name, found, f"expected {count} names with {{}} for the limb")
             setattr(mapping, name, [])
     if mapping.gripper and not isinstance(mapping.gripper.get("link"), str):

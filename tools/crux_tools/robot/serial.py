@@ -1,4 +1,4 @@
-"""A climber's URDF as crux has climbers: a body, and of every limb six joints, the gripper and two fingers.
+"""A climber's URDF as crux has climbers: a body, and of every limb its joints, the gripper and two fingers.
 
 What is fixed or locked to a link becomes part of it. All links' frames are parallel to the limb's first one where all
 joints are at zero, and stand where a joint's axis is nearest to the one before it, so that the same limb looks the same
@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 SNAP = 2e-4  # of directions: URDFs round a quarter of a turn
 ROUND_M = 5  # digits of lengths
 PARALLEL = 1e-3  # sine between axes
+TURNING = ("revolute", "continuous")
+NO_GRIPPER = "which it has to have"
 SLIDES = 0.02  # sine between a finger's slide and the gripper's x
 
 
@@ -67,7 +69,7 @@ class Finger:
 
 @dataclass
 class SerialLimb:
-    """Axes (6, 3) and points on them (6, 3), the gripper's frame, and seven parts: links 1 to 6 and the gripper."""
+    """Axes (J, 3) and points on them (J, 3), the gripper's frame, and J + 1 parts: the links and the gripper."""
 
     name: str
     joints: list[Joint]
@@ -155,6 +157,8 @@ class Reader:
 
     def _limb(self, limb: str, hanging: dict[str, Pose]) -> SerialLimb | None:
         names = [self.mapping.of(name, limb) for name in self.mapping.joints]
+        if not self._has(limb, names):
+            return None
         axes, points, joints, parts = [], [], [], []
         gripper_link = self.mapping.of(self.mapping.gripper["link"], limb)
         gripper: Pose | None = None
@@ -166,8 +170,6 @@ class Reader:
                 )
                 return None
             joint, at = self.urdf.joints[name], hanging[name]
-            if joint.kind not in ("revolute", "continuous"):
-                self.note("joints", f"{name}: {joint.kind}", "expected a joint that turns")
             self.used.add(name)
             joints.append(joint)
             axes.append(at.turn @ np.array(joint.axis))
@@ -192,6 +194,23 @@ class Reader:
         fingers = self._fingers(limb, gripper, hanging)
         whole = SerialLimb(limb, joints, np.array(axes), np.array(points), gripper, [*parts, palm], fingers)
         return whole if len(fingers) == 2 else None
+
+    def _has(self, limb: str, names: list[str]) -> bool:
+        """Whether the URDF has what the mapping names of a limb, each of its kind; all that it has not is noted."""
+        before, fingers = len(self.problems), [self.mapping.of(finger, limb) for finger in self.mapping.fingers]
+        for key, given, kinds in (("joints", names, TURNING), ("fingers", fingers, ("prismatic",))):
+            all_such = [joint.name for joint in self.urdf.joints.values() if joint.kind in kinds]
+            for name in given:
+                joint = self.urdf.joints.get(name)
+                if joint is None or joint.kind not in kinds:
+                    what = name if joint is None else f"{name}: {joint.kind}"
+                    there = ", ".join(all_such) or f"none: crux grips with two fingers that slide, {NO_GRIPPER}"
+                    kind = " or ".join(kinds)
+                    self.note(key, what, f"expected of limb {limb} one of the URDF's {kind} joints: {there}")
+        link = self.mapping.of(self.mapping.gripper["link"], limb)
+        if link not in self.urdf.links:
+            self.note("gripper.link", link, f"no such link in the URDF for limb {limb}")
+        return len(self.problems) == before
 
     def _hangs(self, link: str, above: str) -> bool:
         by_child = {joint.child: joint.parent for joint in self.urdf.joints.values()}
@@ -220,7 +239,7 @@ class Reader:
 
 
 def placed_frames(limb: SerialLimb) -> tuple[float, Array]:
-    """The yaw of the limb's frames in the body, and where they stand (6, 3), in the body frame."""
+    """The yaw of the limb's frames in the body, and where they stand (J, 3), in the body frame."""
     axes, points = limb.axes, limb.points.copy()
     first, second = axes[0], axes[1]
     if np.linalg.norm(np.cross(first, second)) > PARALLEL:

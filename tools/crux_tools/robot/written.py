@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from crux_contracts.robot_bounds import LEAST_JOINTS
+from crux_contracts.robot_yaml import node_numbers
 from crux_contracts.urdf import roll_pitch_yaw, rotation
 from crux_contracts.yaml_writer import as_yaml
 from numpy.typing import NDArray
@@ -190,12 +192,19 @@ def robot_yaml(mapping: Mapping, like: dict[str, Any], finger: JointFacts) -> st
         for key, value in section.items():
             place = f"{name}.{key}"
             if place == "can.nodes":
-                numbers = ", ".join(f"{joint}: {i + 1}" for i, joint in enumerate([*joints, "gripper"]))
+                numbers = ", ".join(f"{joint}: {number}" for joint, number in node_numbers(joints).items())
                 lines.append(f"  nodes: {{{numbers}}}")
                 continue
             mark = "[S]" if place in said else f"[A: as of {mapping.like}]"
-            lines.append(f"  {key}: {_flow(said.get(place, value))} # {mark}")
+            lines.append(f"  {key}: {_flow(said.get(place, _of_joints(value, len(joints))))} # {mark}")
     return "\n".join(lines) + "\n"
+
+
+def _of_joints(value: Any, count: int) -> Any:
+    """A list of one value a joint for another number of joints: its first ones, or its last one again."""
+    if not isinstance(value, list) or len(value) < LEAST_JOINTS:
+        return value
+    return [value[min(i, len(value) - 1)] for i in range(count)]
 
 
 def _flow(value: Any) -> str:
