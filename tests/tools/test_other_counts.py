@@ -30,7 +30,7 @@ def planned(robot: Path, wall: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 
 def checked_by_the_runtime(robot: Path) -> Any:
-    words = [built("runtime/app/crux-runtime"), "--robot", robot, "--check"]
+    words = [str(built("runtime/app/crux-runtime")), "--robot", str(robot), "--check"]
     return run(words, check=False, capture_output=True, text=True, timeout=60)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.cost_weights import cost_weights
 from crux_contracts.robot import Limb, Robot
+from crux_contracts.robot_bounds import STILL_RAD
 from crux_contracts.scenario import BodyPose, Scenario
 
 from crux_planner.errors import PLANNED_REACH, InfeasibleError, wrong
@@ -48,9 +49,21 @@ def check_body(scenario: Scenario, body: BodyBounds, start: Pose, goal: Pose) ->
 
 def within_limits(limb: Limb, body: Pose, gripper: Array) -> bool:
     """Whether a limb has its gripper at x, y, z and yaw, upright, within its joint limits, with the body at a pose."""
+    q, reached = _angles(limb, body, gripper)
+    return reached and bool(limit_margin(limb, q) >= 0.0)
+
+
+def missing_turn_rad(limb: Limb, body: Pose, gripper: Array) -> float:
+    """By how much a limb of fewer than six joints has its gripper turned otherwise; 0 where something else lacks."""
+    q, reached = _angles(limb, body, gripper)
+    off = float(np.linalg.norm(q[len(limb.joints) :]))
+    return off if reached and off > STILL_RAD else 0.0
+
+
+def _angles(limb: Limb, body: Pose, gripper: Array) -> tuple[Array, bool]:
     to_b, (x, y, z, yaw, *_) = rotation_from_rpy(body.rpy_rad).T, gripper
     q, reached = inverse(limb, to_b @ (np.array([x, y, z]) - body.position_m), to_b @ rotation_z(yaw))
-    return bool(reached & (limit_margin(limb, q) >= 0.0))
+    return q, bool(reached)
 
 
 def posture(robot: Robot, body: Pose, grippers: Array) -> dict[str, float]:

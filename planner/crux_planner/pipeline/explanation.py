@@ -9,7 +9,7 @@ from crux_contracts.scenario import Scenario
 
 from crux_planner.errors import PLANNED_REACH, TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
-from crux_planner.model.poses import beyond_planned_reach, point_text, within_limits
+from crux_planner.model.poses import beyond_planned_reach, missing_turn_rad, point_text, within_limits
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
@@ -45,6 +45,9 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
         if contact.bears and not own.closed_form and not within_limits(own, problem.start, contact.pose):
             turn = np.degrees(contact.yaw_rad - problem.start.rpy_rad[2])
             text = f"out of reach within the joint limits with the gripper turned by {turn:.0f} degrees to the body"
+            if (off_rad := missing_turn_rad(own, problem.start, contact.pose)) > 0:
+                off = f"it would stand {np.degrees(off_rad):.1f} degrees off"
+                text = f"the {len(own.joints)} joints of {name} cannot turn the gripper so: {off}"
             raise wrong(scenario, f"start.grasps.{name}", _place_text(problem, problem.start_contacts[limb]), text)
     stance = problem.start_contacts
     at = problem.start.position_m

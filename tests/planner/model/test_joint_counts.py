@@ -9,10 +9,15 @@ import pytest
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot, RobotError, load_robot
 from crux_contracts.robot_bounds import STILL_RAD
+from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
+from crux_planner.model.build import build_problem
 from crux_planner.model.chain import chain_inverse, forward
 from crux_planner.model.kinematics import limit_margin
+from crux_planner.pipeline.explanation import check_start
+from crux_planner.pipeline.first_wall import FirstWall
+from crux_planner.search.equilibrium import StaticEquilibrium
 from other_counts import with_joints
 
 COUNTS = (4, 5, 7)
@@ -52,6 +57,21 @@ def test_a_turn_that_no_joint_makes_is_no_reach(tmp_path: Path) -> None:
         assert (np.abs(q[4:]).max() < STILL_RAD) == expected
         (others,) = solve(load_model(robot).limbs[:1], [place[None]], [np.eye(3)[None]])
         assert (others.rotation_error_rad[0] < 1e-6) == expected
+
+
+def test_a_grip_that_the_joints_do_not_make_is_told_of(tmp_path: Path) -> None:
+    robot = load_robot(with_joints(4, tmp_path))
+    at = np.array([[x, y, -0.153, 0.0] for x in (0.3755, -0.3755) for y in (0.144, -0.144)])
+    for aside_m in (0.0, 0.05):
+        grippers = at + np.array([[0.0, aside_m, 0.0, 0.0], *[[0.0] * 4] * 3])
+        scenario = parse_scenario(FirstWall(robot, grippers, 0.12, 0.188).document(0.0, 2.2), any_robot=True)
+        problem = build_problem(scenario, robot)
+        equilibrium = StaticEquilibrium(problem, problem.friction_share)
+        if not aside_m:
+            check_start(scenario, problem, equilibrium)
+            continue
+        with pytest.raises(ScenarioError, match="the 4 joints of LF cannot turn the gripper so: it would stand"):
+            check_start(scenario, problem, equilibrium)
 
 
 def test_limbs_of_one_robot_may_differ(tmp_path: Path) -> None:
