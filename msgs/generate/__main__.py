@@ -10,7 +10,8 @@ import tempfile
 from pathlib import Path
 
 from crux_contracts import node_parameters, node_services
-from crux_contracts.scenario_types import VERSION, Scenario
+from crux_contracts.scenario_bodies import keys_of_version
+from crux_contracts.scenario_types import VERSIONS
 
 from . import (
     can_c,
@@ -74,7 +75,10 @@ def _write_robot(out: Path) -> None:
     write_changed(out / "cpp/crux_msgs/robot.hpp", robot_cpp.header(keys))
     write_changed(out / "python/crux_msgs/robot_keys.py", robot_python.module(keys))
     write_changed(out / "schemas/robot.json", robot_schema.schema(keys))
-    write_changed(out / "schemas/scenario.json", record_schema.schema(Scenario, "a scenario of crux", VERSION))
+    for version in VERSIONS:
+        name = "scenario.json" if version == VERSIONS[0] else f"scenario-{version}.json"
+        of_version = keys_of_version(version)
+        write_changed(out / "schemas" / name, record_schema.schema(of_version, "a scenario of crux", version))
 
 
 def _write_can(out: Path) -> None:

@@ -16,18 +16,21 @@ DRAFT = "http://json-schema.org/draft-07/schema#"
 TEXT = {"type": "string", "minLength": 1, "maxLength": MAX_TEXT, "pattern": r"\S"}
 
 
-def schema(kind: type, title: str, version: int) -> str:
+def schema(keys: dict[str, Key], title: str, version: int) -> str:
     """Of a file with a version at its top."""
-    top = _record(kind)
+    top = _record(title, keys)
     top["properties"]["version"] = {"const": version}
     top["required"].insert(0, "version")
     return json.dumps({"$schema": DRAFT, "title": title} | top, indent=1) + "\n"
 
 
-def _record(kind: Any) -> dict[str, Any]:
-    keys = keys_of(kind)
+def _of_kind(kind: Any) -> dict[str, Any]:
+    return _record(kind.__doc__ or "", keys_of(kind))
+
+
+def _record(means: str, keys: dict[str, Key]) -> dict[str, Any]:
     required = [name for name, key in keys.items() if key.required]
-    return mapping(kind.__doc__ or "", {name: described(key) for name, key in keys.items()}, required)
+    return mapping(means, {name: described(key) for name, key in keys.items()}, required)
 
 
 def described(key: Key) -> dict[str, Any]:
@@ -48,7 +51,7 @@ def _value(key: Key) -> dict[str, Any]:
     if key.type is str:
         return {"enum": list(key.words)} if key.words else TEXT
     if is_dataclass(key.type):
-        return _record(key.type)
+        return _of_kind(key.type)
     each = _value(replace(key, type=parts[-1], words=key.words if parts[0] is str and len(parts) == 1 else ()))
     if type(None) in get_args(key.type):
         return each

@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from crux_contracts.records import keys_of
 from crux_contracts.scenario import (
     FACE_NAMES,
     IDLE,
@@ -31,6 +32,7 @@ from crux_contracts.scenario import (
     Wall,
     parse_scenario,
 )
+from crux_contracts.scenario_bodies import Bodies, BoxHold, Plane, Pose, Shape, Surface
 from crux_tools import cli
 from crux_tools.paths import ROOT, SCENARIOS
 
@@ -59,10 +61,18 @@ def test_the_example_of_a_scenario_has_every_key() -> None:
     assert parse_scenario(text).name == "every-key"
     kinds = (Scenario, Wall, Contact, Hold, Grasp, BodyPose, Gripper, Start, Goal, Horizon, Uncertainty, PlannerOptions)
     fields = {re.sub("_rad$", "_deg", name) for kind in kinds for name in kind.__dataclass_fields__}
+    fields -= {"given_w_m_s2", "lean_deg"}  # of version 2
     keys = (fields | {*WEIGHTS, *MARGINS, *FACE_NAMES, "version", "sigmas", "finger1"}) - {"yaml_text", "path"}
     named = {*re.findall(r"([+\w-]+)(?=: |:\n)", text), *re.findall(r"(?<=# )body(?= sets)", text)}
     assert keys - named == set()
     assert {*METHODS, *LIMIT_SURFACES, *IDLE} - set(re.findall(r"\w+", text)) == set()
+
+
+def test_the_example_of_version_2_has_every_key_of_it() -> None:
+    text = (ROOT / "examples" / "leaning-holds.yaml").read_text(encoding="utf-8")
+    assert parse_scenario(text).leans
+    keys = {name for kind in (Bodies, Surface, Plane, BoxHold, Pose, Shape) for name in keys_of(kind)}
+    assert keys - set(re.findall(r"\w+(?=: |:\n)", text)) == set()
 
 
 def _code(page: Path) -> str:

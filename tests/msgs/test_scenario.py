@@ -154,7 +154,7 @@ BROKEN = {
     "spines of a word": ("spines: false}", "spines: no}", r'holds\[2\]\.spines: "no": expected true or false'),
     "unknown robot": ("robot: scaler", "robot: scalar", r'robot: "scalar": no such folder .*did you mean scaler\?'),
     "robot outside": ("robot: scaler", "robot: ../scaler", r'robot: "\.\./scaler": no such folder'),
-    "wrong version": ("version: 1", "version: 2", r"version: 2: this crux reads scenario version 1"),
+    "wrong version": ("version: 1", "version: 3", r"version: 3: this crux reads scenario versions 1 and 2"),
     "version missing": ("version: 1\n", "", r"version: is missing"),
     "feet with patches": (
         "  grasps: {LF: {hold: a",

@@ -43,7 +43,8 @@ FORMATS: dict[str, tuple[list[tuple[str, str]], tuple[str, str] | None]] = {
     "9-gains": ([("/LF/limb_telemetry", "float64[6] admittance_gains")], ("/restart", "int32 interval")),
     "10-restarts": ([("/LF/limb_telemetry", "float64[6] admittance_gains")], ("/plan", "int32 FORMAT_OWN_TIMES=3")),
     "11-times": ([("/plan", "int32 FORMAT_OWN_TIMES=3")], ("/plan", "int32 FORMAT_MOVING_FINGERS=4")),
-    "12-fingers": ([("/plan", "int32 FORMAT_MOVING_FINGERS=4")], None),
+    "12-fingers": ([("/plan", "int32 FORMAT_MOVING_FINGERS=4")], ("/plan", "float64[4] lean_rad")),
+    "13-leaning": ([("/plan", "float64[4] lean_rad")], None),
 }
 
 each = pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)

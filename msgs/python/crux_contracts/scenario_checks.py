@@ -61,10 +61,16 @@ def _floats(node: Node | None, count: int) -> list[float] | None:
 def _footprint(node: Node) -> Footprint | None:
     """None where a value is wrong in itself, which has been noted already."""
     keys = _members(node)
-    position, size = _floats(keys.get("position_m"), 2), _floats(keys.get("size_m"), 3)
+    if "pose" in keys:  # of version 2
+        pose, shape = _members(keys["pose"]), _members(keys.get("shape"))
+        position, size = _floats(pose.get("position_m"), 3), _floats(shape.get("box_m"), 3)
+        turns = _items(pose.get("rpy_deg"))
+        yaw = turns[2].content if len(turns) == 3 else 0.0
+    else:
+        position, size = _floats(keys.get("position_m"), 2), _floats(keys.get("size_m"), 3)
+        yaw = keys["yaw_deg"].content if "yaw_deg" in keys else 0.0
     if position is None or size is None or min(size) <= 0:
         return None
-    yaw = keys["yaw_deg"].content if "yaw_deg" in keys else 0.0
     if isinstance(yaw, bool) or not isinstance(yaw, (int, float)) or not math.isfinite(yaw):
         return None
     name = keys["name"].shown() if "name" in keys else node.key
@@ -90,7 +96,7 @@ def check_cuboids(check: Checker, keys: dict[str, Node]) -> None:
                 place = f"[{b.x_m:g}, {b.y_m:g}]"
                 check.note_at(
                     b.node,
-                    "position_m",
+                    "pose.position_m" if "pose" in _members(b.node) else "position_m",
                     place,
                     f"{b.name} overlaps {a.name} ({a.node.key}, line {a.node.line}) by {depth:.3g} m; move them apart",
                 )

@@ -9,13 +9,14 @@ from . import LIMB_NAMES
 from .reading import did_you_mean
 from .records import Records, keys_of
 from .robot import robot_names
+from .scenario_bodies import as_first, keys_of_version
 from .scenario_checks import check_cuboids, check_grasps
 from .scenario_types import (
     FACE_NAMES,
     MAX_BODY_HEIGHT_M,
     MAX_FRICTION,
     POSITION,
-    VERSION,
+    VERSIONS,
     Contact,
     Goal,
     Grasp,
@@ -52,16 +53,17 @@ class _Reader(Records):
 
     def scenario(self, root: Node, text: str) -> Scenario:
         check, version = self.check, _members(root).get("version")
-        if version is not None and version.content != VERSION:
-            raise ScenarioError(
-                check.path,
-                [Problem("version", version.shown(), f"this crux reads scenario version {VERSION}", version.line)],
-            )
-        keys = keys_of(Scenario)
+        known = version is None or (version.content in VERSIONS and not isinstance(version.content, bool))
+        if version is not None and not known:
+            says = f"this crux reads scenario versions {VERSIONS[0]} and {VERSIONS[1]}"
+            raise ScenarioError(check.path, [Problem("version", version.shown(), says, version.line)])
+        keys = keys_of_version(VERSIONS[0] if version is None else int(str(version.content)))
         required = ["version", *(name for name, key in keys.items() if key.required)]
         members = check.members(root, required, [name for name in keys if name not in required])
         ordered = sorted((name for name in keys if name in members), key=lambda name: name != "contact")
         read = {name: self.value(keys[name], members[name]) for name in ordered}
+        if "wall" not in keys:
+            read = as_first(read, members, check)
         for relations in (check_cuboids, check_grasps):  # a wrong value would bring forth more mistakes than were made
             if not check.problems:
                 relations(check, members)

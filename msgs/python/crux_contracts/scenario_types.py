@@ -10,7 +10,7 @@ from . import LIMB_NAMES
 from .records import REQUIRED, key
 from .yaml_document import DocumentError
 
-VERSION = 1  # of the file
+VERSIONS = (1, 2)  # of the file
 FACE_NAMES = ("+x", "-x", "+y", "-y", "top")
 METHODS = ("auto", "two_block", "multi_block", "benchmark")
 LIMIT_SURFACES = ("cone", "inner", "paper")
@@ -24,6 +24,8 @@ MAX_POSITION_M = 20.0
 MAX_BODY_HEIGHT_M = 1.0
 MAX_FRICTION = 5.0
 MAX_CUBOIDS = 300
+MAX_LEAN_DEG = 50.0
+MAX_GRAVITY_M_S2 = 30.0
 MAX_STEPS = 1000
 SIZE_M = (0.005, 2.0)
 POSITION = (-MAX_POSITION_M, MAX_POSITION_M, "m")
@@ -39,6 +41,7 @@ class ScenarioError(DocumentError):
 class Wall:
     slope_deg: float = key(REQUIRED, 0.0, MAX_SLOPE_DEG, "degrees", "0 floor, 90 vertical, 180 ceiling")
     friction: float = key(0.6, 0.0, MAX_FRICTION, "", "of the surface itself, for feet")
+    given_w_m_s2: tuple[float, float, float] | None = None  # gravity, where a file of version 2 has it as a vector
 
     @property
     def slope_rad(self) -> float:
@@ -47,6 +50,8 @@ class Wall:
     @property
     def gravity_w_m_s2(self) -> tuple[float, float, float]:
         """g in the wall's frame: 0 is the floor, 90 a vertical wall."""
+        if self.given_w_m_s2 is not None:
+            return self.given_w_m_s2
         return (-GRAVITY_M_S2 * math.sin(self.slope_rad), 0.0, -GRAVITY_M_S2 * math.cos(self.slope_rad))
 
 
@@ -87,6 +92,16 @@ class Hold(Cuboid):
 
     friction: tuple[float, ...] = key((), 0.0, MAX_FRICTION, "", "one, or by face", required=True, reader="friction")
     spines: tuple[bool, ...] = key((True,) * 5, means="whether spines grip, of all or by face", reader="spines")
+    lean_deg: tuple[float, ...] = (0.0,) * 4
+    """of the side faces (+x, -x, +y, -y), in to the hold's middle: `size_m` is that of the foot, the top is smaller"""
+
+    @property
+    def lean_rad(self) -> tuple[float, ...]:
+        return tuple(math.radians(each) for each in self.lean_deg)
+
+    @property
+    def leans(self) -> bool:
+        return any(self.lean_deg)
 
 
 @dataclass(frozen=True)
@@ -223,6 +238,11 @@ class Scenario:
     def cuboids(self) -> tuple[Cuboid, ...]:
         """Holds, then obstacles: the order of plan_t.holds."""
         return (*self.holds, *self.obstacles)
+
+    @property
+    def leans(self) -> bool:
+        """Whether some hold has a face that leans."""
+        return any(hold.leans for hold in self.holds)
 
     def hold_index(self, name: str) -> int:
         """Index of a hold by name; KeyError for an unknown one."""

@@ -48,7 +48,7 @@ def check_plan(plan: plan_t, robot: Robot | str | Path) -> CheckReport:
     robot, began = robot_of(robot), time.perf_counter()
     findings, report = Findings(), CheckReport()
     check_identity(plan, robot, findings)
-    arrays = read_plan(plan, findings)
+    arrays = read_plan(plan, findings, robot.gripper.pad_radius_m)
     scenario = read_scene(plan, arrays, findings) if arrays is not None else None
     if arrays is not None and scenario is not None:
         _check(arrays, scenario, robot, findings, report)
@@ -97,5 +97,8 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
     spare_m = 2**0.5 * scenario.uncertainty.hold_position_m if scenario.uncertainty else 0.0  # along x and y, each
     check_clearance(samples, plan.cuboids, limbs, body, point_model=point, spare_m=spare_m, findings=findings)
     check_limb_clearance(samples, limbs, body, spare_m, findings)
-    if scenario.uncertainty is not None:
+    if scenario.uncertainty is not None and scenario.leans:
+        detail = "no check knows what an uncertainty makes of holds with faces that lean"
+        findings.add("limit_surface_uncertain", 1.0, "", detail=detail)
+    elif scenario.uncertainty is not None:
         check_uncertainty(plan, scenario, loads, robot, findings)

@@ -172,10 +172,11 @@ def _measured(looks: list[_Look], places: list[tuple[Indices, Indices]]) -> list
         if len(c) == 0:
             continue
         part = look.part
+        found[number] = _off_leaning(look, c, t)
         start, half = look.seen(part.start, c, t), 0.5 * look.cuboids.size_m[c]
         if part.half_m is not None and part.rotation is not None:
             turn = look.cuboids.rotation[c].swapaxes(1, 2) @ part.rotation[t]
-            found[number] = box_to_box(start, turn, part.half_m, half)
+            found[number] = np.maximum(found[number], box_to_box(start, turn, part.half_m, half))
         else:
             capsules.append((start, look.seen(part.end, c, t), half, np.full(len(start), part.radius_m)))
             order.append(number)
@@ -184,7 +185,24 @@ def _measured(looks: list[_Look], places: list[tuple[Indices, Indices]]) -> list
         gaps = segment_to_box(start, end, half) - radius
         ends = np.cumsum([len(radii) for *_, radii in capsules])
         for number, mine in zip(order, np.split(gaps, ends[:-1]), strict=True):
-            found[number] = mine
+            found[number] = np.maximum(found[number], mine)
+    return found
+
+
+def _off_leaning(look: _Look, c: Indices, t: Indices) -> Array:
+    """How far the part is at looks t beyond the plane of some leaning face of the cuboids c, which are within their
+    boxes: a lower bound of the distance to them; -inf where no face leans.
+    """
+    found, part = np.full(len(c), -np.inf), look.part
+    for index in np.unique(c[look.cuboids.lean_rad[c].any(axis=1)]):
+        at = np.flatnonzero(c == index)
+        normals, offsets = look.cuboids.side_planes(int(index))
+        ends = [look.seen(points, c[at], t[at]) @ normals.T - offsets for points in (part.start, part.end)]
+        extent: Array | float = part.radius_m
+        if part.half_m is not None and part.rotation is not None:
+            turn = look.cuboids.rotation[index].T @ part.rotation[t[at]]
+            extent = np.abs(normals @ turn) @ part.half_m
+        found[at] = (np.minimum(*ends) - extent).max(axis=1)
     return found
 
 

@@ -10,7 +10,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.checker import tolerances
-from crux_planner.checker.geometry import Indices
+from crux_planner.checker.geometry import Array, Flags, Indices
 from crux_planner.checker.plan_arrays import FACE_NONE, FACE_WALL, PlanArrays
 from crux_planner.checker.report import Findings
 
@@ -86,7 +86,7 @@ def _check_faces(
     plan: PlanArrays, patch_radius_m: float, pad_height_m: tuple[float, float], findings: Findings
 ) -> None:
     """(10a): fingers on their faces, the whole patch on the face, pad height in range; opening axis on normal (9b)."""
-    normal, finger = plan.face_normal, plan.finger_position
+    normal, finger = plan.face_normal, plan.finger_position + plan.touch_m
     for limb in range(4):
         gripped = plan.gripped[:, limb]
         if gripped.any():
@@ -96,24 +96,42 @@ def _check_faces(
             along_y = plan.finger1_face[gripped, limb] >= 2
             depth = np.where(along_y, size[:, 1], size[:, 0])
             width = np.where(along_y, size[:, 0], size[:, 1])
+            pads_m = plan.gripper_position[gripped, limb, 2]
             for f in (0, 1):
-                n = normal[gripped, limb, f]
-                tangent = np.stack([-n[:, 1], n[:, 0]], axis=1)
+                n, lean = normal[gripped, limb, f], plan.lean[gripped, limb, f]
+                tangent = np.stack([-n[:, 1], n[:, 0]], axis=1) / np.cos(lean)[:, None]
                 offset = finger[gripped, limb, f] - foot
-                off_face = np.abs((n * offset).sum(axis=1) - 0.5 * depth)
-                aside = np.abs((tangent * offset[:, :2]).sum(axis=1)) - (0.5 * width - patch_radius_m)
-                z = offset[:, 2]
-                beyond = np.maximum(patch_radius_m - z, z - (size[:, 2] - patch_radius_m))
-                height = np.maximum(pad_height_m[0] - z, z - pad_height_m[1])
+                off_face = np.abs((n * offset).sum(axis=1) - 0.5 * depth * np.cos(lean))
+                z, patch = offset[:, 2], patch_radius_m * np.cos(lean)
+                along, left, right = _ends(plan, holds, along_y, 0.5 * width, z + patch, offset[:, :2], tangent)
+                aside = np.maximum(along - left, right - along) + patch_radius_m
+                beyond = np.maximum(patch - z, z - (size[:, 2] - patch))
+                height = np.maximum(pad_height_m[0] - pads_m, pads_m - pad_height_m[1])
                 found = {"contact_face": off_face, "contact_patch": np.maximum(aside, beyond), "pad_height": height}
                 for name, values in found.items():
                     findings.add_series(name, values, times, "m", limb=limb, finger=f + 1)
-            cosine = np.clip((plan.opening_axis[gripped, limb] * normal[gripped, limb, 0]).sum(axis=1), -1.0, 1.0)
+            flat = normal[gripped, limb, 0] / np.cos(plan.lean[gripped, limb, 0])[:, None]
+            cosine = np.clip((plan.opening_axis[gripped, limb, :2] * flat[:, :2]).sum(axis=1), -1.0, 1.0)
             findings.add_series("finger_axis", np.arccos(cosine), times, "rad", limb=limb)
         on_wall = plan.on_wall[:, limb]
         if on_wall.any():
             height = np.abs(plan.gripper_position[on_wall, limb, 2])
             findings.add_series("contact_face", height, plan.time_s[on_wall], "m", limb=limb)
+
+
+def _ends(
+    plan: PlanArrays, holds: Indices, along_y: Flags, half_m: Array, height_m: Array, offset_m: Array, tangent: Array
+) -> tuple[Array, Array, Array]:
+    """Of faces gripped (n,): where the pad is along the face, and the face's ends there at a height, where the sides
+    beside it may lean in.
+    """
+    along = (tangent * offset_m).sum(axis=1)
+    beside = np.where(along_y[:, None], [0, 1], [2, 3])  # plus and minus
+    leans = np.tan(plan.cuboids.lean_rad[holds[:, None], beside])
+    ends = np.array([1.0, -1.0]) * (half_m[:, None] - height_m[:, None] * leans)
+    axis = plan.cuboids.rotation[holds][np.arange(len(holds)), :2, np.where(along_y, 0, 1)]
+    turned = np.sign((axis * tangent).sum(axis=1))[:, None] * ends
+    return along, turned.max(axis=1), turned.min(axis=1)
 
 
 def _check_rest(plan: PlanArrays, findings: Findings) -> None:

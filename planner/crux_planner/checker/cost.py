@@ -17,7 +17,7 @@ def cost(plan: PlanArrays, scenario: Scenario) -> float:
     turned[:, 2] -= 2 * np.pi * np.round(turned[0, 2] / (2 * np.pi))  # the short way round from the start to the goal
     total += w.orientation * (turned**2).sum()
     total += w.velocity * ((plan.body_velocity**2).sum() + (plan.body_rate**2).sum())
-    moments = (plan.finger_moment[:-1] ** 2).sum() / plan.patch_k_m**2 if plan.patch_k_m else 0.0  # points bear none
+    moments = (plan.touch_moment[:-1] ** 2).sum() / plan.patch_k_m**2 if plan.patch_k_m else 0.0  # points bear none
     total += w.wrench * ((plan.finger_force[:-1] ** 2).sum() + moments)
     air = ~plan.stance
     total -= w.lift * plan.gripper_position[..., 2][air].sum() + w.opening * plan.separation[air].sum()

@@ -23,7 +23,7 @@ from crux_planner.checker.geometry import Array, cross, solved
 from crux_planner.checker.kinematics import LimbMotion, held_torque
 from crux_planner.checker.limb_model import WholeRobot
 from crux_planner.checker.limit_surface import FingerLoads
-from crux_planner.checker.plan_arrays import PlanArrays
+from crux_planner.checker.plan_arrays import Cuboids, PlanArrays
 from crux_planner.checker.report import Correction, Findings, PeakTorque
 from crux_planner.checker.sampling import Samples
 
@@ -114,6 +114,9 @@ def _grasp_excess(plan: PlanArrays, samples: Samples, loads: FingerLoads, limb: 
     the finger that is pushed harder at the largest normal force: the other one presses less by the pull between them.
     Where finger `hanging` hangs on by its spines only it does not press, and the other one takes the pull alone.
     """
+    if (leans := plan.leaning[samples.interval, limb]).any():
+        upright = _grasp_excess(replace(plan, cuboids=_uprighted(plan)), samples, loads, limb, hanging)
+        return np.where(leans, _leaning_excess(plan, samples, loads, limb, hanging), upright)
     axis, at = samples.opening_axis[:, limb], samples.interval
     force, moment = samples.force[:, limb], samples.moment[:, limb]
     tangent = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
@@ -129,6 +132,44 @@ def _grasp_excess(plan: PlanArrays, samples: Samples, loads: FingerLoads, limb: 
         beyond = np.maximum(-pressing, pressing - plan.max_normal_N)
     excess = [loads.excess(shear, twist, normal[:, f], (at, limb, f), plan.patch_k_m) for f in (0, 1)]
     return np.asarray(np.maximum(np.maximum(*excess), beyond))
+
+
+def _uprighted(plan: PlanArrays) -> Cuboids:
+    return replace(plan.cuboids, lean_rad=np.zeros_like(plan.cuboids.lean_rad))
+
+
+def _leaning_excess(plan: PlanArrays, samples: Samples, loads: FingerLoads, limb: int, hanging: int | None) -> Array:
+    """The same where a face leans: both fingers have half of the force across the axis; the moment along it is of the
+    twists about the normals, and of the places where the pads touch. Both press with half the pull more or less than
+    the squeeze that the harder pressed one is left, none beyond the largest normal force.
+    """
+    if hanging is not None:
+        return np.full(len(samples.time_s), plan.max_normal_N)  # no finger hangs on a leaning face
+    axis, at = samples.opening_axis[:, limb], samples.interval
+    force, normal = samples.force[:, limb], plan.face_normal[at, limb]
+    along = (force * axis).sum(axis=1)
+    across = 0.5 * (force - along[:, None] * axis)
+    outward = np.stack([axis, -axis], axis=1)
+    off = plan.pad_radius_m * (outward - normal)
+    moment = (samples.moment[:, limb] - np.cross(off.sum(axis=1), across)) * axis
+    twist = moment.sum(axis=1) / ((normal[:, 0] - normal[:, 1]) * axis).sum(axis=1)
+    turned = np.array([0.0, 0.0, 1.0]) - normal[..., 2:] * normal  # up the face
+    up = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
+    side = np.cross([0.0, 0.0, 1.0], axis)
+    best = np.full(len(along), np.inf)
+    for share in _SQUEEZES:
+        squeeze = share * plan.max_normal_N - 0.5 * np.abs(along)
+        press = squeeze[:, None] + 0.5 * along[:, None] * np.array([1.0, -1.0])
+        each = press[..., None] * outward + across[:, None]
+        pushed = (each * normal).sum(axis=-1)
+        shear = np.stack([(each * side[:, None]).sum(axis=-1), (each * up).sum(axis=-1)], axis=-1)
+        beyond = np.maximum(pushed.max(axis=1) - plan.max_normal_N, -press.min(axis=1))
+        excess = [loads.excess(shear[:, f], twist, pushed[:, f], (at, limb, f), plan.patch_k_m) for f in (0, 1)]
+        best = np.minimum(best, np.maximum(np.maximum(*excess), beyond))
+    return best
+
+
+_SQUEEZES = np.linspace(0.25, 1.0, 7)  # shares of the largest normal force, of which any will do
 
 
 def tumble_margin(plan: PlanArrays, loads: FingerLoads, centre_w_m: Array, mass_kg: float) -> float | None:

@@ -53,8 +53,8 @@ class FingerLoads:
     """Finger wrenches in their contact frames, shapes (K, 4, 2): normal force pushes the finger off its face."""
 
     normal_N: Array
-    shear_N: Array  # (K, 4, 2, 2) along the common tangents z x n1 and z (on the wall: x and y)
-    twist_Nm: Array  # about n1, the same direction for both fingers
+    shear_N: Array  # (K, 4, 2, 2) along z x e and up the face, which is z where it does not lean (on the wall: x and y)
+    twist_Nm: Array  # about n1, and about -n2: the same direction for both fingers, unless they lean
     other_moment_Nm: Array
     friction: Array
     spine_shear_N: Array
@@ -84,7 +84,14 @@ def finger_loads(plan: PlanArrays, wall_friction: float) -> FingerLoads:
     z = np.array([0.0, 0.0, 1.0])
     tangent1 = np.where(on_wall, np.array([1.0, 0.0, 0.0]), np.cross(z, common))
     tangent2 = np.where(on_wall, np.array([0.0, 1.0, 0.0]), z)
-    force, moment = plan.finger_force, plan.finger_moment
+    if plan.leaning.any():
+        leans, lean = plan.leaning[..., None, None], plan.lean[..., None]
+        twisted = normal * np.array([[1.0], [-1.0]])
+        common = np.where(leans, twisted, common)
+        tangent1 = tangent1 / np.linalg.norm(tangent1, axis=-1, keepdims=True)
+        upright = (normal - np.sin(lean) * z) / np.cos(lean)
+        tangent2 = np.where(leans, np.cos(lean) * z - np.sin(lean) * upright, tangent2)
+    force, moment = plan.finger_force, plan.touch_moment
     twist = (moment * common).sum(axis=-1)
     touching = plan.gripped | plan.on_wall
     index = np.where(plan.gripped, plan.hold, 0)[..., None]
@@ -104,6 +111,14 @@ def finger_loads(plan: PlanArrays, wall_friction: float) -> FingerLoads:
         plan.spine_twist_Nm * spiny,
         np.broadcast_to(touching[..., None], twist.shape),
     )
+
+
+def _across(plan: PlanArrays, loads: FingerLoads) -> Array:
+    """Forces of the fingers across their opening axis, which (4) shares, (K, 4, 2, 2): along z x e and z."""
+    if not plan.leaning.any():
+        return loads.shear_N
+    lift = np.where(plan.leaning[..., None], plan.finger_force[..., 2], loads.shear_N[..., 1])
+    return np.stack([loads.shear_N[..., 0], lift], axis=-1)
 
 
 def check_limit_surface(plan: PlanArrays, scenario: Scenario, findings: Findings) -> float | None:
@@ -128,7 +143,7 @@ def check_limit_surface(plan: PlanArrays, scenario: Scenario, findings: Findings
             pressing = np.where(touching[at], np.abs(loads.normal_N[at]), -np.inf)
             findings.add_series("spines_only", pressing, plan.time_s, "N", limb=limb, finger=hanging)
         pair = plan.gripped[:, limb]
-        shear = np.abs(np.diff(loads.shear_N[:, limb], axis=1)[:, 0]).max(axis=-1)
+        shear = np.abs(np.diff(_across(plan, loads)[:, limb], axis=1)[:, 0]).max(axis=-1)
         twist = np.abs(np.diff(loads.twist_Nm[:, limb], axis=1)[:, 0])
         for name, values, unit in (("equal_shear", shear, "N"), ("equal_twist", twist, "N m")):
             findings.add_series(name, np.where(pair, values, -np.inf), plan.time_s, unit, limb=limb)

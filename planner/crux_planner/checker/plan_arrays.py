@@ -32,6 +32,8 @@ class Cuboids:
     yaw_rad: Array
     friction: Array
     spines: Flags
+    lean_rad: Array
+    """Of the side faces, off the upright, (H, 4)."""
 
     @cached_property
     def centre_w_m(self) -> Array:
@@ -42,6 +44,15 @@ class Cuboids:
     def rotation(self) -> Array:
         """Rotations W <- cuboid, shape (H, 3, 3)."""
         return rotation_about_z(self.yaw_rad)
+
+    def side_planes(self, index: int) -> tuple[Array, Array]:
+        """Outward normals (4, 3) and offsets (4,) of a cuboid's side faces in its centred frame: n . p is the offset on
+        a face, which stands on the foot's edge and leans in.
+        """
+        cosine, sine = np.cos(self.lean_rad[index]), np.sin(self.lean_rad[index])
+        normals = cosine[:, None] * _OUTWARD[:4] + sine[:, None] * _OUTWARD[4]
+        half = 0.5 * self.size_m[index]
+        return normals, cosine * half[[0, 0, 1, 1]] - sine * half[2]
 
     @cached_property
     def reach_w_m(self) -> Array:
@@ -80,6 +91,8 @@ class PlanArrays:
     finger_force: Array
     finger_moment: Array
     cuboids: Cuboids
+    pad_radius_m: float
+    """Pads are balls: on a face that leans they touch beside the opening axis."""
 
     @cached_property
     def n_knots(self) -> int:
@@ -98,9 +111,36 @@ class PlanArrays:
 
     @cached_property
     def finger_position(self) -> Array:
-        """Pad contact points of fingers 1 and 2, (K, 4, 2, 3)."""
+        """Of the pads' faces on the opening axis, fingers 1 and 2, (K, 4, 2, 3): there pads touch upright faces."""
         half = 0.5 * self.separation[..., None] * self.opening_axis
         return np.stack([self.gripper_position + half, self.gripper_position - half], axis=2)
+
+    @cached_property
+    def touch_m(self) -> Array:
+        """Where the pads touch, off `finger_position`, (K, 4, 2, 3)."""
+        outward = np.stack([self.opening_axis, -self.opening_axis], axis=2)
+        off = self.pad_radius_m * (outward - self.face_normal)
+        return np.where(self.leaning[..., None, None], off, 0.0)
+
+    @cached_property
+    def touch_moment(self) -> Array:
+        """The fingers' moments about where they touch, (K, 4, 2, 3)."""
+        if not self.leaning.any():
+            return self.finger_moment
+        return np.asarray(self.finger_moment - np.cross(self.touch_m, self.finger_force))
+
+    @cached_property
+    def lean(self) -> Array:
+        """Of the faces under fingers 1 and 2, (K, 4, 2) [rad]."""
+        if not self.cuboids.names:
+            return np.zeros((*self.hold.shape, 2))
+        index = np.where(self.gripped, self.hold, 0)[..., None]
+        return np.where(self.gripped[..., None], self.cuboids.lean_rad[index, np.minimum(self.faces, 3)], 0.0)
+
+    @cached_property
+    def leaning(self) -> Flags:
+        """(K, 4): gripped by a face that leans."""
+        return np.asarray(self.lean.any(axis=2))
 
     @cached_property
     def gripped(self) -> Flags:
@@ -153,11 +193,16 @@ class PlanArrays:
             return np.asarray(local)
         index = np.where(self.gripped, self.hold, 0)
         turn = np.where(self.gripped[..., None, None], self.cuboids.rotation[index], np.eye(3))
-        return np.asarray(np.einsum("klij,klfj->klfi", turn, local))
+        upright = np.einsum("klij,klfj->klfi", turn, local)
+        if not self.leaning.any():
+            return np.asarray(upright)
+        return np.asarray(np.cos(self.lean)[..., None] * upright + np.sin(self.lean)[..., None] * _OUTWARD[4])
 
 
-def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
-    """Arrays of a crux_msgs.plan_t, or None after reporting why its form does not allow any further check."""
+def read_plan(plan: Any, findings: Findings, pad_radius_m: float = 0.0) -> PlanArrays | None:
+    """Arrays of a crux_msgs.plan_t, or None after reporting why its form does not allow any further check; the pads'
+    radius matters where faces lean.
+    """
     fault = _fault_of_form(plan)
     if fault is not None:
         findings.add("plan_format", 1.0, "", detail=fault)
@@ -177,6 +222,7 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
             read(plan.holds, "yaw_rad", plan.n_holds),
             read(plan.holds, "friction", plan.n_holds, 5),
             read(plan.holds, "spines", plan.n_holds, 5) != 0,
+            read(plan.holds, "lean_rad", plan.n_holds, 4),
         )
         arrays = PlanArrays(
             float(plan.dt_s),
@@ -203,6 +249,7 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
             read(limbs, "finger_force_w_n", *shape, 2, 3),
             read(limbs, "finger_moment_w_nm", *shape, 2, 3),
             cuboids,
+            pad_radius_m,
         )
     except (TypeError, ValueError) as error:
         findings.add("plan_format", 1.0, "", detail=f"a field has the wrong length or type: {error}")

@@ -85,6 +85,8 @@ def _compare(plan: Any, arrays: PlanArrays, scenario: Scenario, findings: Findin
         if isinstance(cuboid, Hold):
             _match(f"{label}: friction", copy.friction[index], cuboid.friction, findings)
             _match(f"{label}: spines", copy.spines[index].astype(float), np.array(cuboid.spines, float), findings)
+        leans = cuboid.lean_rad if isinstance(cuboid, Hold) else (0.0,) * 4
+        _match(f"{label}: lean of its faces", copy.lean_rad[index], leans, findings)
     return True
 
 

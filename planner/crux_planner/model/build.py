@@ -25,10 +25,10 @@ from crux_planner.model.contacts import (
     GripperShape,
     SwingLimits,
     opening_for,
-    pad_height,
     yaws_in_range,
 )
 from crux_planner.model.cuboids import Cuboids
+from crux_planner.model.faces import Faces, faces_of, too_steep
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, composite_inertia
@@ -61,6 +61,9 @@ def build_problem(
     if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
         most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
         raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)
+    if scenario.uncertainty is not None and (leaning := [hold.name for hold in scenario.holds if hold.leans]):
+        expected = f"is not supported yet where faces lean, as those of {leaning[0]}"
+        raise wrong(scenario, "uncertainty", "", expected)
     bounds = robot.body
     body = BodyBounds(bounds.height_m, bounds.max_tilt_rad, bounds.max_speed_m_s, bounds.max_rate_rad_s)
     heading, start, goal = body_and_ends(scenario, body)
@@ -185,19 +188,23 @@ def _contacts(
     contact, yaw_range = scenario.contact, robot.grasp.gripper_yaw_rad
     palm = robot.gripper.finger_height_m - PASSING_CLEARANCE_M
     for index, hold in enumerate(scenario.holds):
-        height = pad_height(hold.size_m[2], robot.grasp.pad_height_m, contact.patch_radius_m, palm)
         for pair in (0, 1):
-            half = hold.size_m[pair] / 2
-            if height is None:
+            faces = Faces.of(hold, pair, robot, contact.patch_radius_m, palm)
+            if faces is None:
                 unusable[index, pair] = _height_text(hold.size_m[2], robot, contact.patch_radius_m, palm)
                 continue
-            if hold.size_m[1 - pair] < 2 * contact.patch_radius_m:
+            half, height = faces.half_m, faces.height_m
+            if faces.width_m < 2 * contact.patch_radius_m:
                 unusable[index, pair] = f"its faces are narrower than the patch, {2 * contact.patch_radius_m:g} m"
                 continue
-            if half < shape.smallest_opening or half + shape.pad_radius > shape.largest_opening:
+            if half < shape.smallest_opening or faces.foot_half_m + shape.pad_radius > shape.largest_opening:
                 slack = shape.largest_opening - shape.pad_radius
                 spans = f"{2 * shape.smallest_opening:g}..{2 * slack:g} m"
-                unusable[index, pair] = f"it is {2 * half:g} m wide, the gripper takes {spans}"
+                wide = half if half < shape.smallest_opening else faces.foot_half_m
+                unusable[index, pair] = f"it is {2 * wide:g} m wide, the gripper takes {spans}"
+                continue
+            if (steep := too_steep(hold, pair)) is not None:
+                unusable[index, pair] = steep
                 continue
             if smooth := smooth_faces(hold, pair):
                 unusable[index, pair] = f"face {smooth[0]} has friction 0, both faces of a grasp need more"
@@ -205,24 +212,27 @@ def _contacts(
             middle = np.array([*cuboids.foot_h_m[index], height])
             normal = cuboids.yaw_rad[index] + pair * np.pi / 2
             axis = np.array([np.cos(normal), np.sin(normal), 0.0])
-            slack = hold.size_m[1 - pair] / 2 - contact.patch_radius_m - EDGE_RESERVE_M
+            middle = middle + faces.off_m * axis + faces.aside_m * np.array([-axis[1], axis[0], 0.0])
+            slack = faces.width_m / 2 - contact.patch_radius_m - EDGE_RESERVE_M
             sides = (0.0, slack, -slack) if off_centre and slack > EDGE_RESERVE_M else (0.0,)
             for side in sides:
                 centre = middle + side * np.array([-axis[1], axis[0], 0.0])
                 opening = None
                 for clearance in (limits.clearance_m, min(limits.clearance_m, TIGHT_CLEARANCE_M)):
-                    opening = opening or opening_for(centre, axis, index, half, cuboids, shape, clearance)
+                    given = (centre, axis, index, half, cuboids, shape, clearance, faces.foot_half_m)
+                    opening = opening or opening_for(*given)
                 if opening is None:
                     continue
                 for yaw, swapped in yaws_in_range(normal, yaw_range):
-                    contacts.append(_contact(scenario, hold, index, pair, swapped, yaw, centre, opening))
+                    one = _contact(scenario, hold, index, pair, swapped, yaw, centre, opening)
+                    contacts.append(replace(one, separation_m=2 * half, pad_radius_m=shape.pad_radius))
             if not contacts or (contacts[-1].hold, contacts[-1].pair) != (index, pair):
                 needed = min(limits.clearance_m, TIGHT_CLEARANCE_M)
                 left = _left_m(partial(opening_for, middle, axis, index, half, cuboids, shape), needed)
                 mm = f"{1000 * left:.0f} mm beside the fingers, they need {1000 * needed:.0f} mm to open"
                 unusable[index, pair] = f"its neighbours leave {mm}"
     fingers = sorted(set(contact.spines_only.values()))
-    by_spines = (replace(c, spines_only=finger) for finger in fingers for c in contacts)
+    by_spines = (replace(c, spines_only=finger) for finger in fingers for c in contacts if not c.leans)
     return contacts + [c for c in by_spines if not c.slippery], unusable
 
 
@@ -262,7 +272,7 @@ def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
 def _contact(
     scenario: Scenario, hold: Hold, index: int, pair: int, swapped: bool, yaw: float, centre: Array, opening: float
 ) -> Contact:
-    faces = _faces(pair)[:: -1 if swapped else 1]  # of fingers 1 and 2
+    faces = faces_of(pair)[:: -1 if swapped else 1]  # of fingers 1 and 2
     return Contact(
         hold=index,
         pair=pair,
@@ -273,12 +283,8 @@ def _contact(
         friction=np.array([hold.friction[face] for face in faces]),
         spines=np.stack([_spines(scenario, hold, face) for face in faces]),
         open_m=opening,
+        lean_rad=np.array([hold.lean_rad[face] for face in faces]),
     )
-
-
-def _faces(pair: int) -> list[int]:
-    """Numbers of the plus and the minus face of a pair."""
-    return [2 * pair, 2 * pair + 1]
 
 
 def smooth_faces(hold: Hold, pair: int) -> list[str]:
@@ -286,7 +292,7 @@ def smooth_faces(hold: Hold, pair: int) -> list[str]:
 
     Spines alone do not make a grasp: the runtime squeezes until friction bears the load, without them.
     """
-    return [FACE_NAMES[face] for face in _faces(pair) if hold.friction[face] <= 0.0]
+    return [FACE_NAMES[face] for face in faces_of(pair) if hold.friction[face] <= 0.0]
 
 
 def _spines(scenario: Scenario, hold: Hold, face: int) -> Array:
@@ -347,7 +353,8 @@ def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int
             raise InfeasibleError(
                 "goal grasp",
                 f"goal.grasps.{limb}: {grasp.hold} cannot be gripped by faces {grasp.faces}: {unusable[key]}",
-                proven=key not in spanned or bool(smooth_faces(scenario.holds[key[0]], key[1])),
+                proven=not scenario.holds[key[0]].leans
+                and (key not in spanned or bool(smooth_faces(scenario.holds[key[0]], key[1]))),
             )
         wanted[LIMB_NAMES.index(limb)] = key
     return wanted

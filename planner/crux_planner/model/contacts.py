@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -55,6 +55,8 @@ class Contact:
     open_m: float  # opening with which the gripper leaves and comes
     spines_only: int = 0  # the finger (1 or 2) whose normal force is 0, 0 for none
     bears: bool = True  # False: a gripper in the air at the start; `hold` is what it surrounds, < 0 for nothing
+    lean_rad: Array = field(default_factory=lambda: np.zeros(2))  # of the faces of fingers 1 and 2, see `normals`
+    pad_radius_m: float = 0.0  # pads are balls that touch a leaning face beside the opening axis
 
     @property
     def grip_friction(self) -> Array:
@@ -83,6 +85,32 @@ class Contact:
         return np.array([np.cos(self.yaw_rad), np.sin(self.yaw_rad), 0.0])
 
     @property
+    def leans(self) -> bool:
+        """Whether a face is not across the opening axis."""
+        return bool(self.lean_rad.any())
+
+    @property
+    def normals(self) -> Array:
+        """(2, 3) outward normals of the faces of fingers 1 and 2, which lean off the wall."""
+        c, s = np.cos(self.lean_rad), np.sin(self.lean_rad)
+        return np.asarray(np.outer(c * [1.0, -1.0], self.axis) + np.outer(s, [0.0, 0.0, 1.0]))
+
+    @property
+    def touch_m(self) -> Array:
+        """(2, 3) where the pads of fingers 1 and 2 touch, off their faces on the opening axis."""
+        return self.pad_radius_m * (np.outer([1.0, -1.0], self.axis) - self.normals)
+
+    @property
+    def leaning_moments(self) -> Array:
+        """(3, 5) moments about the gripper's centre of q = (s1, s2, m, n1, n2), less those on upright faces: pads touch
+        beside the axis, and twist about the faces' normals.
+        """
+        normals, axis, up, off = self.normals, self.axis, np.array([0.0, 0.0, 1.0]), self.touch_m
+        columns = [np.cross(off.sum(axis=0), self.tangent), np.cross(off.sum(axis=0), up)]
+        columns += [normals[0] - normals[1] - 2 * axis, np.cross(off[0], axis), -np.cross(off[1], axis)]
+        return np.stack(columns, axis=1)
+
+    @property
     def pose(self) -> Array:
         """(5,) x, y, z, yaw and opening of a gripper that holds on."""
         return np.array([*self.centre_h_m, self.yaw_rad, self.separation_m / 2])
@@ -107,20 +135,6 @@ class Grip:
         return replace(self, contact=contact, height_m=(self.height_m[0] + by_m, self.height_m[1] + by_m))
 
 
-def pad_height(
-    hold_height_m: float, allowed_m: tuple[float, float], patch_radius_m: float, palm_above_pad_m: float
-) -> float | None:
-    """Height of the pads above the wall: mid-range, but the whole patch on the face and the palm above the hold.
-
-    None where the hold is too low or too high to be gripped.
-    """
-    low = max(allowed_m[0], patch_radius_m, hold_height_m - palm_above_pad_m)
-    high = min(allowed_m[1], hold_height_m - patch_radius_m)
-    if low > high:
-        return None
-    return float(np.clip((allowed_m[0] + allowed_m[1]) / 2, low, high))
-
-
 def yaws_in_range(axis_rad: float, allowed_rad: tuple[float, float]) -> list[tuple[float, bool]]:
     """Gripper yaws that put the fingers on a face pair, and whether finger 1 is then on the minus face.
 
@@ -139,13 +153,15 @@ def opening_for(
     cuboids: Cuboids,
     shape: GripperShape,
     clearance_m: float,
+    foot_half_m: float = 0.0,
 ) -> float | None:
     """Opening with which a gripper may leave this grasp: as near to the preferred one as its neighbours allow.
 
     The middle of each finger keeps `clearance_m` to every other cuboid on its whole way from closed to open; to the
-    hold itself it keeps as much once open. None where the neighbours leave no such opening.
+    hold itself, whose foot may be wider (`foot_half_m`), it keeps as much once open. None where the neighbours leave no
+    such opening.
     """
-    smallest = max(half_m + clearance_m - shape.pad_radius, shape.smallest_opening)
+    smallest = max(max(half_m, foot_half_m) + clearance_m - shape.pad_radius, shape.smallest_opening)
     others = np.arange(len(cuboids.yaw_rad)) != hold
     best = None
     for opening in np.linspace(smallest, shape.largest_opening, 9):

@@ -155,6 +155,11 @@ class Problem(CentroidalProblem):
     nominal: Problem | None = None  # with the rows as they are without the scenario's uncertainty
 
     @property
+    def leans(self) -> bool:
+        """Whether some grasp has a face that leans: proofs and bounds are about upright faces alone."""
+        return any(contact.leans for contact in self.contacts)
+
+    @property
     def weight_N(self) -> Array:
         """M g in H."""
         return self.mass_kg * self.gravity_h

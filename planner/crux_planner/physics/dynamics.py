@@ -88,8 +88,9 @@ def euler_step(x: Any, force: Any, moment_origin: Any, centre: Any, p: Centroida
     return ca.vertcat(next_pose(x, p.dt_s), v + p.dt_s * acceleration, omega + p.dt_s * angular)
 
 
-def static_map(centre: Array, normal: Array, tangent: Array) -> Array:
-    """(6, 4): force and moment about the origin of one gripper as a linear map of w = (s1, s2, m, n1 - n2).
+def static_map(centre: Array, normal: Array, tangent: Array, leaning: Array | None = None) -> Array:
+    """(6, 4): force and moment about the origin of one gripper as a linear map of w = (s1, s2, m, n1 - n2); `leaning`
+    (3, 5) are `Contact.leaning_moments`, of whose squeeze n1 + n2 nothing is counted.
 
     In balance the forces sum to -M g, so the moment about r is the moment about the origin minus r x (-M g), which is
     linear in r: (8b) needs no linearisation.
@@ -98,4 +99,6 @@ def static_map(centre: Array, normal: Array, tangent: Array) -> Array:
     force = np.stack([2 * tangent, 2 * up, np.zeros(3), normal], axis=1)
     moment = np.cross(centre, force, axisa=0, axisb=0, axisc=0)
     moment[:, 2] += 2 * normal
+    if leaning is not None:
+        moment += np.column_stack([leaning[:, :3], (leaning[:, 3] - leaning[:, 4]) / 2])
     return np.vstack([force, moment])

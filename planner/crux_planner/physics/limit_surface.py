@@ -9,6 +9,9 @@ whatever the friction; a finger without spines has to bear all of the load by fr
 In balance only F = n1 - n2 counts besides (s1, s2, m), and a squeeze n with it. Where both fingers have the same limits
 n is the smaller normal force, whose finger bounds (s1, s2, m) for both. Where they differ n is the mean of the normal
 forces, n1 = n + F / 2 and n2 = n - F / 2, and each finger bounds (s1, s2, m).
+
+On a face that leans, these are a finger's force along and across the opening axis, which (4) is about: the face has a
+frame of its own, whose normal lies between the axis and the way off the wall (`in_face`).
 """
 
 import itertools
@@ -46,13 +49,28 @@ class FingerLimit(NamedTuple):
     side: int
     friction: float
     spines: Array  # (3,) most of (s1, s2, m) that they hold
+    lean_rad: float = 0.0
 
 
-def finger_limits(friction: Array, spines: Array) -> list[FingerLimit]:
-    """The limits of a grip whose fingers have friction (2,) and spines (2, 3): one where both have the same."""
-    if friction[0] == friction[1] and (spines[0] == spines[1]).all():
+_UPRIGHT = np.zeros(2)
+
+
+def finger_limits(friction: Array, spines: Array, lean_rad: Array = _UPRIGHT) -> list[FingerLimit]:
+    """The limits of a grip whose fingers have friction (2,), spines (2, 3) and faces that lean (2,): one where both
+    have the same, upright.
+    """
+    if friction[0] == friction[1] and (spines[0] == spines[1]).all() and not lean_rad.any():
         return [FingerLimit(0, float(friction[0]), spines[0])]
-    return [FingerLimit(side, float(mu), box) for side, mu, box in zip((1, -1), friction, spines, strict=True)]
+    of_finger = zip((1, -1), friction, spines, lean_rad, strict=True)
+    return [FingerLimit(side, float(mu), box, float(lean)) for side, mu, box, lean in of_finger]
+
+
+def in_face(lift: Any, press: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
+    """(s2, n) in the frame of a face that leans: `lift` is a finger's force off the wall, `press` along the axis."""
+    return cosine * lift - sine * press, cosine * press + sine * lift
+
+
+_UNITS = ((1.0, 0.0), (0.0, 1.0))  # of lift, and of press
 
 
 def grip_rows(limits: list[FingerLimit], directions: Array, reach: Array, most_N: Array) -> tuple[Array, Array]:
@@ -61,9 +79,15 @@ def grip_rows(limits: list[FingerLimit], directions: Array, reach: Array, most_N
     `directions` and `reach` are those of a polytope; n >= 0 is left to the caller.
     """
     rows, right = [], []
-    for side, friction, spines in limits:
+    for side, friction, spines, lean_rad in limits:
         load = friction * reach[:, None]
-        rows.append(np.hstack([directions, -side / 2 * load, -load]))
+        if lean_rad:
+            (up, pressed), (sunk, press) = (in_face(*each, np.cos(lean_rad), np.sin(lean_rad)) for each in _UNITS)
+            lift = up * directions[:, 1:2] - pressed * load
+            along = sunk * directions[:, 1:2] - press * load
+            rows.append(np.hstack([directions[:, :1], lift, directions[:, 2:], side / 2 * along, along]))
+        else:
+            rows.append(np.hstack([directions, -side / 2 * load, -load]))
         right.append(np.abs(directions) @ spines)
     each = np.array([[0.0, 0.0, 0.0, 1.0, 1.0], [0.0, 0.0, 0.0, -1.0, 1.0]])
     if len(limits) == 1:
@@ -105,25 +129,37 @@ def cone_demand(wrench: Any, spine_share: Any, k_m: float) -> Any:
     return ca.sqrt(rest[0] ** 2 + rest[1] ** 2 + (rest[2] / k_m) ** 2 + SMOOTHING_N**2)
 
 
-def finger_forces(q: Array, normal_h: Array, tangent_h: Array) -> tuple[Array, Array]:
+def finger_forces(
+    q: Array, normal_h: Array, tangent_h: Array, leaning_h: tuple[Array, Array] | None = None
+) -> tuple[Array, Array]:
     """Forces (..., 2, 3) and moments on the robot of finger 1 (at +e) and 2 (at -e) for q = (s1, s2, m, n1, n2).
 
-    `normal_h` (..., 3) is e, the outward normal of finger 1's face; the shear axes are `tangent_h` and H's z.
+    `normal_h` (..., 3) is e, the outward normal of finger 1's face; the shear axes are `tangent_h` and H's z. Moments
+    are about the pads' faces on the axis. Where some faces lean, `leaning_h` are their normals (..., 2, 3), and where
+    the pads touch, off the axis, (..., 2, 3).
     """
     s1, s2, twist, n1, n2 = np.moveaxis(np.asarray(q)[..., None], -2, 0)
     shear = s1 * tangent_h + s2 * np.array([0.0, 0.0, 1.0])
     forces = np.stack([n1 * normal_h + shear, -n2 * normal_h + shear], axis=-2)
-    return forces, np.stack([twist * normal_h] * 2, axis=-2)
+    if leaning_h is None:
+        return forces, np.stack([twist * normal_h] * 2, axis=-2)
+    faces_h, touch_h = leaning_h
+    return forces, twist[..., None] * faces_h * np.array([[1.0], [-1.0]]) + np.cross(touch_h, forces)
 
 
-def finger_inputs(force_h: Array, moment_h: Array, yaw_rad: Array) -> Array:
+def finger_inputs(force_h: Array, moment_h: Array, yaw_rad: Array, touch_h: Array | None = None) -> Array:
     """q = (s1, s2, m, n1, n2), shape (..., 5), of fingers' forces and moments (..., 2, 3): `finger_forces` undone.
 
-    `yaw_rad` (...) is that of the gripper: its opening axis e is at this angle from the frame's x.
+    `yaw_rad` (...) is that of the gripper: its opening axis e is at this angle from the frame's x. Twists are about the
+    faces' normals, which may lean off e: then `touch_h` (..., 2, 3) is where the pads touch.
     """
+    if touch_h is not None:
+        moment_h = moment_h - np.cross(touch_h, force_h)
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     first, second = force_h[..., 0, :], force_h[..., 1, :]
     shear = c * first[..., 1] - s * first[..., 0]
-    twist = c * moment_h[..., 0, 0] + s * moment_h[..., 0, 1]
+    twist, off = c * moment_h[..., 0, 0] + s * moment_h[..., 0, 1], moment_h[..., 0, 2]
+    if touch_h is not None:
+        twist = np.copysign(np.hypot(twist, off), twist)
     press = [sign * (c * f[..., 0] + s * f[..., 1]) for sign, f in ((1.0, first), (-1.0, second))]
     return np.stack([shear, first[..., 2], twist, *press], axis=-1)

@@ -8,6 +8,7 @@ axis.
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.contacts import Contact
 from crux_planner.model.mass import linear_centre
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import static_map
@@ -17,14 +18,19 @@ from crux_planner.solvers.sparse_blocks import skews
 _LEVEL = np.eye(3)
 
 
+def _map(contact: Contact) -> Array:
+    moments = contact.leaning_moments if contact.leans else None
+    return static_map(contact.centre_h_m, contact.axis, contact.tangent, moments)
+
+
 class StaticBalance:
     """Of one problem, with `margin` of the limit surface; contacts are indices into `problem.contacts`."""
 
     def __init__(self, problem: Problem, margin: float) -> None:
         self.problem, self.margin = problem, margin
-        self.maps = np.stack([static_map(c.centre_h_m, c.axis, c.tangent) for c in problem.contacts])  # (C, 6, 4)
+        self.maps = np.stack([_map(c) for c in problem.contacts])  # (C, 6, 4)
         self.directions, self.reach = polytope_directions(problem.patch.k_m)
-        self.limits = [finger_limits(c.grip_friction, margin * c.spines) for c in problem.contacts]
+        self.limits = [finger_limits(c.grip_friction, margin * c.spines, c.lean_rad) for c in problem.contacts]
         # Of both fingers in all directions, (C, 2, 26): load borne a newton of normal force, and what spines hold.
         self.load = margin * np.array([np.outer(c.grip_friction, self.reach) for c in problem.contacts])
         self.spine = margin * np.array([c.spines for c in problem.contacts]) @ np.abs(self.directions).T

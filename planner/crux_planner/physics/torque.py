@@ -11,7 +11,9 @@ import casadi as ca
 
 from crux_planner.model.limb import NUMBERS, placed
 from crux_planner.model.placed_limb import combined, cross, dot
-from crux_planner.physics.dynamics import gripper_wrench, rotation
+from crux_planner.physics.dynamics import WRENCH_INPUTS, gripper_wrench, rotation
+
+GRASP, LEANING = 9, 3 * WRENCH_INPUTS  # of a grasp: centre, axis, tangent; rows of Contact.leaning_moments
 
 
 @cache
@@ -42,10 +44,21 @@ def joint_torques(size: int = NUMBERS) -> ca.Function:
 
 
 def held_torques(numbers: Any, pose: Any, q: Any, grasp: Any, gravity: Any) -> Any:
-    """Torques (S,) [Nm] of a limb (its `numbers`) that holds q by `grasp` (9): centre, axis, tangent (casadi)."""
+    """Torques (S,) [Nm] of a limb (its `numbers`) that holds q by `grasp` (casadi): (9,) centre, axis, tangent; where
+    faces lean, (15,) more.
+    """
     centre, axis, tangent = grasp[0:3], grasp[3:6], grasp[6:9]
     force, _ = gripper_wrench(q, centre, axis, tangent)
-    return joint_torques(numbers.shape[0])(numbers, pose, centre, axis, force, 2 * q[2] * axis, gravity)
+    moment = 2 * q[2] * axis
+    if grasp.shape[0] > GRASP:
+        moment += leaning_moment(grasp, q)
+    return joint_torques(numbers.shape[0])(numbers, pose, centre, axis, force, moment, gravity)
+
+
+def leaning_moment(grasp: Any, q: Any) -> Any:
+    """(3,) about the gripper's centre, of pads on leaning faces (casadi)."""
+    rows = (grasp[at : at + WRENCH_INPUTS] for at in range(GRASP, GRASP + LEANING, WRENCH_INPUTS))
+    return ca.vertcat(*[ca.dot(row, q) for row in rows])
 
 
 def _parts(v: Any) -> tuple[Any, Any, Any]:

@@ -21,10 +21,10 @@ def farther(climb: Climb) -> Climb:
 
 def disproved(climb: Climb, none_near: InfeasibleError | None) -> Proof | None:
     """What can be shown about the climb, where nothing quick shows that it has no plan; else raises InfeasibleError.
-    That start and goal are connected is asked where something else found no plan. None of limbs without closed-form
-    kinematics: nothing is shown of these.
+    That start and goal are connected is asked where something else found no plan. None where faces lean and of limbs
+    without closed-form kinematics: nothing is shown of these.
     """
-    if not climb.problem.closed_form:
+    if climb.problem.leans or not climb.problem.closed_form:
         return None
     proof = Proof(climb.session.scenario, climb.session.robot, climb.problem)
     with climb.work.part("proof", 0.1):

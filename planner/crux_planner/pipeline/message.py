@@ -174,7 +174,12 @@ def plan_message(
     q = np.array([none if c is None else loads[i // 4][i % 4] for i, c in enumerate(held)])
     axes, tangents = (np.array([_UP if c is None else getattr(c, name) for c in held]) for name in ("axis", "tangent"))
     grips = [None if c is None else (c.hold, c.finger1_face, float(c.friction.min())) for c in held]
-    return _with_knots(plan, problem, solution.body, schedule.poses, finger_forces(q, axes, tangents), grips)
+    leaning = None
+    if problem.leans:
+        parts = [(_NOWHERE, _NOWHERE) if c is None else (c.normals, c.touch_m) for c in held]
+        leaning = np.array([normals for normals, _ in parts]), np.array([touch for _, touch in parts])
+    fingers = finger_forces(q, axes, tangents, leaning)
+    return _with_knots(plan, problem, solution.body, schedule.poses, fingers, grips)
 
 
 def walk_message(
@@ -263,7 +268,9 @@ def _hold(cuboid: Any) -> Any:
     hold.yaw_rad = cuboid.yaw_rad
     hold.friction = list(cuboid.friction) if graspable else [0.0] * 5
     hold.spines = [int(s) for s in cuboid.spines] if graspable else [0] * 5
+    hold.lean_rad = list(cuboid.lean_rad) if graspable else [0.0] * 4
     return hold
 
 
+_NOWHERE = np.zeros((2, 3))
 _UP = np.array([0.0, 0.0, 1.0])  # any: nothing is multiplied by it

@@ -123,6 +123,8 @@ class StaticEquilibrium(StaticBalance):
 
     def _least_norm_fits(self, support: tuple[int, ...], position: Array, grippers: tuple[int, ...]) -> bool:
         index = list(support)
+        if any(self.problem.contacts[c].leans for c in index):
+            return False  # pads on leaning faces have limits that their squeeze moves
         right = self.right_side(position, self.mean_place(grippers))
         wrench = (self.least_norm(support) @ right).reshape(-1, 4)
         residual = self._joined(support) @ wrench.ravel() - right

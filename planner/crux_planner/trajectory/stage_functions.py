@@ -25,9 +25,9 @@ from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import body_bounds, reach_bounds
 from crux_planner.physics.cost import body_cost, wrench_cost
 from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench, next_pose
-from crux_planner.physics.limit_surface import surface_slack
+from crux_planner.physics.limit_surface import in_face, surface_slack
 from crux_planner.physics.reach import offset_in_body
-from crux_planner.physics.torque import held_torques
+from crux_planner.physics.torque import GRASP, LEANING, held_torques, leaning_moment
 from crux_planner.solvers.mapped import Mapped
 
 FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that the numbers are of order one
@@ -35,9 +35,9 @@ SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a litt
 COLUMN = WRENCH_INPUTS + 3
 POSE = 6  # of the body's states: position and orientation
 _WRENCH = 6
-_TorqueGiven = tuple[tuple[float, ...], tuple[float, ...], float, int]
-"""Units of q, gravity, the length of an interval, and S of limbs without a closed form, 0 where they have one: all that
-torques depend on beside their functions' arguments."""
+_TorqueGiven = tuple[tuple[float, ...], tuple[float, ...], float, int, int]
+"""Units of q, gravity, the length of an interval, S of limbs without a closed form, 0 where they have one, and how many
+numbers a grasp has: all that torques depend on beside their functions' arguments."""
 _WALLS = 8  # slopes and intervals whose functions of torques are kept: they take a fifth of a plan's time to make
 
 
@@ -189,13 +189,18 @@ class StageFunctions:
     def surface(self) -> Mapped:
         """Slack (n, m) of (2) or its stand-in, finger 1's rows first, derivatives (n, m, 8), Hessian (n, 8, 8).
 
-        At (n, 8), fingers (n, 4): friction of both, and 1 or 0 for those with and without spines, multipliers (n, m).
+        At (n, 8), fingers (n, 4): friction of both, 1 or 0 for those with and without spines; where some faces lean (n,
+        8): cosine and sine of both; multipliers (n, m).
         """
         p, scale = self.problem, self.scale
-        u, fingers = ca.SX.sym("u", COLUMN), ca.SX.sym("fingers", 4)
+        u, fingers = ca.SX.sym("u", COLUMN), ca.SX.sym("fingers", 8 if p.leans else 4)
         loads, wrench, share = fingers[:2] * u[3:5] * scale[3:], u[0:3] * scale[:3], u[5:8] * scale[:3]
-        spiny = ((fingers[2 + i] * share, loads[i]) for i in (0, 1))
-        slack = ca.vertcat(*[surface_slack(p.limit_surface, wrench, *each, p.patch.k_m) for each in spiny])
+        of_finger = [(wrench, loads[0]), (wrench, loads[1])]
+        for i in (0, 1) if p.leans else ():
+            lift, press = in_face(wrench[1], u[3 + i] * scale[3 + i], fingers[4 + i], fingers[6 + i])
+            of_finger[i] = ca.vertcat(wrench[0], lift, wrench[2]), fingers[i] * press
+        spiny = ((load, fingers[2 + i] * share, bears) for i, (load, bears) in enumerate(of_finger))
+        slack = ca.vertcat(*[surface_slack(p.limit_surface, *each, p.patch.k_m) for each in spiny])
         slack /= FORCE_SCALE_N
         multiplier = ca.SX.sym("z", slack.size1())
         hessian = ca.hessian(ca.dot(multiplier, slack), u)[0]
@@ -228,9 +233,15 @@ class StageFunctions:
             found[at] = masses.at(gripper, upward, along).T
         return found
 
+    @property
+    def grasp_numbers(self) -> int:
+        """Of a grasp, as physics.torque takes it."""
+        return GRASP + (LEANING if self.problem.leans else 0)
+
     @cached_property
     def _torque_given(self) -> _TorqueGiven:
-        return tuple(self.scale), tuple(self.problem.gravity_h), self.problem.dt_s, self.problem.chain_slots
+        p = self.problem
+        return tuple(self.scale), tuple(p.gravity_h), p.dt_s, p.chain_slots, self.grasp_numbers
 
     @property
     def torque_values(self) -> Mapped:
@@ -244,9 +255,11 @@ class StageFunctions:
 
     @cached_property
     def wrench_maps(self) -> Mapped:
-        """(n, 6, 5): force and moment about the origin for scaled q, at grasps (n, 9) centre, axis, tangent."""
-        q, grasp = ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", 9)
+        """(n, 6, 5): force and moment about the origin for scaled q, at grasps (n, `grasp_numbers`)."""
+        q, grasp = ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", self.grasp_numbers)
         force, moment = gripper_wrench(q * self.scale, grasp[0:3], grasp[3:6], grasp[6:9])
+        if self.problem.leans:
+            moment += leaning_moment(grasp, q * self.scale)
         return Mapped("wrench", [grasp], [ca.jacobian(ca.vertcat(force, moment), q)])
 
     @cached_property
@@ -265,9 +278,10 @@ class StageFunctions:
 
 @lru_cache(_WALLS)
 def _torque_values(given: _TorqueGiven) -> Mapped:
-    scale, gravity_h, dt_s, slots = given
+    scale, gravity_h, dt_s, slots, grasp_numbers = given
     chain, seed = Layout(slots).chain, Layout(slots).seed
-    sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": chain + 2 * seed if slots else NUMBERS}
+    sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": grasp_numbers}
+    sizes["numbers"] = chain + 2 * seed if slots else NUMBERS
     x, q, grasp, numbers = arguments = [ca.SX.sym(*each) for each in sizes.items()]
     poses, load = (x[:POSE], next_pose(x, dt_s)), (q * np.array(scale), grasp, np.array(gravity_h))
     first, second = numbers, numbers
@@ -294,9 +308,9 @@ def _torques(given: _TorqueGiven) -> Mapped:
 @lru_cache(_WALLS)
 def _torque_curvature(given: _TorqueGiven) -> Mapped:
     """Hessian (n, 11, 11) of multipliers (n, S) times the torques of limbs at body poses (n, 6)."""
-    scale, gravity_h, _, slots = given
+    scale, gravity_h, _, slots, grasp_numbers = given
     count = Layout(slots).chain + Layout(slots).seed if slots else NUMBERS
-    sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": 9, "numbers": count, "z": slots or JOINTS}
+    sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": grasp_numbers, "numbers": count, "z": slots or JOINTS}
     pose, q, grasp, numbers, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
     torques = held_torques(numbers, pose, q * np.array(scale), grasp, np.array(gravity_h))
     hessian = ca.hessian(ca.dot(multiplier, torques), ca.vertcat(pose, q))[0]

@@ -17,6 +17,7 @@ from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import wrench_bounds
 from crux_planner.physics.dynamics import WRENCH_INPUTS
+from crux_planner.physics.torque import LEANING
 from crux_planner.trajectory.stage_functions import COLUMN, FORCE_SCALE_N, POSE, SPINE_WEIGHT, StageFunctions
 
 PINNED = 1e8  # weight that holds what is fixed
@@ -62,7 +63,9 @@ class StageProblem:
         friction = np.array([[none if c is None else c.grip_friction for c in knot] for knot in contacts])
         spiny = np.array([[none if c is None else c.spines.any(axis=1) for c in knot] for knot in contacts])
         self.fingers = np.concatenate([problem.friction_share * friction, spiny], axis=-1)
-        self.maps = functions.wrench_maps(self.grasps.reshape(-1, 9))[0].reshape(n, 4, 6, WRENCH_INPUTS)
+        if problem.leans:
+            self._lean(contacts)
+        self.maps = functions.wrench_maps(self.grasps.reshape(4 * n, -1))[0].reshape(n, 4, 6, WRENCH_INPUTS)
         self.maps = self.maps * self.stance[..., None, None]
         rough = self.stance[..., None] & (friction > 0.0)  # elsewhere the cone has shrunk to a ray: spines carry all
         self.rough = np.repeat(rough, functions.surface_rows // 2, axis=-1)
@@ -73,6 +76,14 @@ class StageProblem:
         self.limited: tuple[Indices, Indices] = (places[0], places[1])  # knots and limbs
         self.between = functions.between()
         self._set_bounds(schedule, contacts)
+
+    def _lean(self, contacts: list[list[Contact | None]]) -> None:
+        """Adds to grasps and fingers what leaning faces need."""
+        upright, nothing = np.zeros(2), np.zeros(LEANING)
+        lean = np.array([[upright if c is None else c.lean_rad for c in knot] for knot in contacts])
+        moments = [[nothing if c is None else c.leaning_moments.ravel() for c in knot] for knot in contacts]
+        self.fingers = np.concatenate([self.fingers, np.cos(lean), np.sin(lean)], axis=-1)
+        self.grasps = np.concatenate([self.grasps, np.array(moments)], axis=-1)
 
     def _set_bounds(self, schedule: Schedule, contacts: list[list[Contact | None]]) -> None:
         problem = self.problem

@@ -13,9 +13,12 @@ constexpr double kPulledLoad = 1e-3;
 }  // namespace
 
 Contact contact(const CycleView& now, int limb, const LimbReference& reference) noexcept {
-  return {reference.friction, now.plan->patch_k_m,
+  return {reference.friction,
+          now.plan->patch_k_m,
           std::min(now.plan->max_normal_N, now.robot.gripper.max_finger_force_N),
-          now.limbs[limb].grip_opening_m(reference)};
+          now.limbs[limb].grip_opening_m(reference),
+          reference.lean_rad,
+          now.robot.gripper.pad_radius_m};
 }
 
 Grips::Grips(const StanceParameters& parameters)

@@ -12,31 +12,72 @@ namespace {
 constexpr double kSensorsApart_N = 5.0;    // finger force and opening of one gripper
 constexpr double kMostUtilisation = 10.0;  // of a pad that all but hangs in the air
 
-/// What one pad bears along its face, and how much harder than the squeeze the wrench presses it [N].
+/// What one pad bears: along its face, and how hard it is pressed, each without squeeze and a newton of it.
 struct PadLoad {
-  double demand_N = 0.0;
-  double pressed_N = 0.0;
+  Vector3 along_N = Vector3::Zero(), along_by = Vector3::Zero();
+  double pressed_N = 0.0, pressed_by = 0.0;
+  double twist_N = 0.0;
+
+  PadLoad(const PadForm& form, const Vector6& wrench_W) {
+    const Vector3 force_N = form.force * wrench_W;
+    pressed_N = force_N.dot(form.normal_W);
+    pressed_by = form.by_squeeze.dot(form.normal_W);
+    along_N = force_N - pressed_N * form.normal_W;
+    along_by = form.by_squeeze - pressed_by * form.normal_W;
+    twist_N = form.twist * wrench_W;
+  }
+
+  /// The least squeeze [N] with which `factor` times the demand is within friction: the larger root of a quadratic.
+  double least_squeeze_N(double friction, double factor) const {
+    const double mu2 = friction * friction, f2 = factor * factor;
+    const double square = mu2 * pressed_by * pressed_by - f2 * along_by.squaredNorm();
+    if (square <= 0.0) return kNoSqueeze_N;
+    const double both = along_N.dot(along_by), demand2 = along_N.squaredNorm() + twist_N * twist_N;
+    const double apart2 = (pressed_by * along_N - pressed_N * along_by).squaredNorm();
+    const double root2 = f2 * mu2 * (apart2 + pressed_by * pressed_by * twist_N * twist_N) -
+                         f2 * f2 * (along_by.squaredNorm() * demand2 - both * both);
+    const double half_slope = mu2 * pressed_N * pressed_by - f2 * both;
+    return std::min((std::sqrt(std::max(root2, 0.0)) - half_slope) / square, kNoSqueeze_N);
+  }
 };
 
-/// Of the pads at +axis and −axis.
-std::array<PadLoad, 2> pad_loads(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact) {
-  const double normal_N = wrench_W.force_N.dot(finger_axis_W);
-  const Vector3 shear_W_N = 0.5 * (wrench_W.force_N - normal_N * finger_axis_W);
-  const Vector3 couple_W_N = wrench_W.moment_Nm.cross(finger_axis_W) / (2.0 * contact.half_opening_m);
-  const double twist_N = 0.5 * wrench_W.moment_Nm.dot(finger_axis_W) / contact.patch_k_m;
-  const auto pad = [&](double side) {
-    return PadLoad{std::hypot((shear_W_N + side * couple_W_N).norm(), twist_N), side * 0.5 * normal_N};
-  };
-  return {pad(1.0), pad(-1.0)};
+Vector6 stacked(const Wrench& wrench) {
+  Vector6 vector;
+  vector << wrench.force_N, wrench.moment_Nm;
+  return vector;
 }
 
 }  // namespace
 
+PadForm pad_form(const Vector3& finger_axis_W, int finger, const Contact& contact) {
+  const Vector3 &e = finger_axis_W, up = Vector3::UnitZ();  // grippers are upright
+  const double side = finger == 0 ? 1.0 : -1.0;
+  PerFinger<Vector3> normal, touch_m;
+  for (int f = 0; f < 2; ++f) {
+    const Vector3 outward = f == 0 ? e : Vector3(-e);
+    normal[f] = std::cos(contact.lean_rad[f]) * outward + std::sin(contact.lean_rad[f]) * up;
+    touch_m[f] = contact.pad_radius_m * (outward - normal[f]);
+  }
+  const Matrix3 couple = -skew(e) / (2.0 * contact.half_opening_m);  // M × e = −e × M
+  const Matrix3 to_middle = -skew(0.5 * (touch_m[0] + touch_m[1]));  // of the moment, where the pads touch
+  PadForm form;
+  form.force << 0.5 * Matrix3::Identity() + side * couple * to_middle, side * couple;
+  const Vector3 apart_m = touch_m[0] - touch_m[1];
+  // The couple's forces turn about e where one pad touches lower than the other.
+  const Eigen::RowVector3d turn = e.transpose() * (Matrix3::Identity() - skew(apart_m) * couple) /
+                                  (e.dot(normal[0] - normal[1]) * contact.patch_k_m);
+  form.twist << turn * to_middle, turn;
+  form.by_squeeze = side * (e - couple * apart_m.cross(e));
+  form.normal_W = normal[finger];
+  return form;
+}
+
 double needed_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
                             const ControlParameters& control) {
   double needed_N = 0.0;
-  for (const PadLoad& pad : pad_loads(wrench_W, finger_axis_W, contact)) {
-    needed_N = std::max(needed_N, control.grasp_force_factor * pad.demand_N / contact.friction - pad.pressed_N);
+  for (int finger = 0; finger < 2; ++finger) {
+    const PadLoad pad(pad_form(finger_axis_W, finger, contact), stacked(wrench_W));
+    needed_N = std::max(needed_N, pad.least_squeeze_N(contact.friction, control.grasp_force_factor));
   }
   return needed_N + control.grasp_force_reserve_N;
 }
@@ -50,10 +91,13 @@ double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis
 double limit_surface_utilisation(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
                                  double squeeze_N) {
   double worst = 0.0;
-  for (const PadLoad& pad : pad_loads(wrench_W, finger_axis_W, contact)) {
-    const double bearable_N = contact.friction * std::max(squeeze_N + pad.pressed_N, 0.0);
-    const bool slight = pad.demand_N < kMostUtilisation * bearable_N;
-    worst = std::max(worst, slight ? pad.demand_N / bearable_N : kMostUtilisation);
+  for (int finger = 0; finger < 2; ++finger) {
+    const PadLoad pad(pad_form(finger_axis_W, finger, contact), stacked(wrench_W));
+    const double pressed_N = squeeze_N * pad.pressed_by + pad.pressed_N;
+    const double demand_N = std::hypot((pad.along_N + squeeze_N * pad.along_by).norm(), pad.twist_N);
+    const double bearable_N = contact.friction * std::max(pressed_N, 0.0);
+    const bool slight = demand_N < kMostUtilisation * bearable_N;
+    worst = std::max(worst, slight ? demand_N / bearable_N : kMostUtilisation);
   }
   return worst;
 }

@@ -1,24 +1,46 @@
 // How hard the fingers must press, and the opening command that makes the linear actuator press so.
 #pragma once
 
+#include <array>
+
 #include "core/loads/actuator_pace.hpp"
 #include "core/robot/geometry.hpp"
 #include "core/robot/robot_description.hpp"
 
 namespace crux {
 
+inline constexpr double kNoSqueeze_N = 1e3;
+template <class T>
+using PerFinger = std::array<T, 2>;
+
 struct Contact {
   double friction = 0.0;
-  double patch_k_m = 0.0;       ///< k of equation (2)
-  double max_normal_N = 0.0;    ///< of the plan's hold and the robot's actuator
-  double half_opening_m = 0.0;  ///< pad face to gripper centre
+  double patch_k_m = 0.0;        ///< k of equation (2)
+  double max_normal_N = 0.0;     ///< of the plan's hold and the robot's actuator
+  double half_opening_m = 0.0;   ///< pad face to gripper centre
+  PerFinger<double> lean_rad{};  ///< of the faces' normals off the wall, in W
+  double pad_radius_m = 0.0;     ///< pads are balls, which touch a leaning face beside the finger axis
 };
+
+/// How one pad, at side·axis, bears a wrench (F, M) on the robot about the gripper centre and a squeeze P: its force is
+/// force·(F, M) + P·by_squeeze, its twist, as a force at k, twist·(F, M). The pads touch at ±half opening a along the
+/// axis e, on faces with normals n that lean by t beside it. By (4) they share what is across e and the twist; a moment
+/// across e is a couple of forces across e on the arm 2a.
+struct PadForm {
+  Eigen::Matrix<double, 3, 6> force;
+  Eigen::Matrix<double, 1, 6> twist;
+  Vector3 by_squeeze;
+  Vector3 normal_W;
+};
+PadForm pad_form(const Vector3& finger_axis_W, int finger, const Contact& contact);
 
 /// Squeeze [N] a finger needs so that friction alone, without spines, bears `wrench_W` [on the robot about the gripper
 /// centre] in both pads, at ±half opening a along the finger axis e (unit vector, towards finger 1). By (4) they share
 /// shear and twist; a moment across e is a couple of tangential forces on the arm 2a:
 ///   t = F_t/2 ± M×e/(2a),  m = M·e/2,  normal forces squeeze ± F·e/2,
-/// so by (2) the larger of  factor·√(|t|² + (m/k)²)/μ ∓ F·e/2  of the two pads, and a reserve.
+/// so by (2) the larger of  factor·√(|t|² + (m/k)²)/μ ∓ F·e/2  of the two pads, and a reserve. On faces that lean, the
+/// least squeeze with which force and twist of `pad_form` are in the cone about the face's normal; kNoSqueeze_N where
+/// no squeeze is enough.
 double needed_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
                             const ControlParameters& control);
 

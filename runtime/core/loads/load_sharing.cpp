@@ -36,16 +36,24 @@ constexpr int kPatience = 10;    // answers in a row that the solver does not fi
 using PadMap = Eigen::Matrix<double, 3, kWrench>;
 using WrenchMatrix = Eigen::Matrix<double, kWrench, kWrench>;
 
-/// What one pad bears along its face and, as a force, about its normal: z = map·(F, M), |z| ≤ μ·squeeze by (2).
-PadMap pad_map(const Vector3& axis_W, double side, const Contact& contact) {
-  const Vector3 u = axis_W.unitOrthogonal(), v = axis_W.cross(u);
-  const double couple_1_m = side / (2.0 * contact.half_opening_m);
+/// What one pad bears along its face and, as a force, about its normal, with the most squeeze: z = map·(F, M) + offset,
+/// |z| ≤ μ·(pressed·(F, M) + most) by (2).
+struct PadLimit {
   PadMap map;
-  // (M × e)·u = M·(e × u)
-  map.row(0) << 0.5 * u.transpose(), couple_1_m * axis_W.cross(u).transpose();
-  map.row(1) << 0.5 * v.transpose(), couple_1_m * axis_W.cross(v).transpose();
-  map.row(2) << Vector3::Zero().transpose(), 0.5 / contact.patch_k_m * axis_W.transpose();
-  return map;
+  Vector3 offset_N;
+  Eigen::Matrix<double, 1, kWrench> pressed;
+  double most_N;
+};
+
+PadLimit pad_limit(const Vector3& axis_W, int pad, const Contact& contact, double squeeze_N) {
+  const PadForm form = pad_form(axis_W, pad, contact);
+  const Vector3 u = form.normal_W.unitOrthogonal(), v = form.normal_W.cross(u);
+  PadLimit limit;
+  limit.map << u.transpose() * form.force, v.transpose() * form.force, form.twist;
+  limit.offset_N = squeeze_N * Vector3(u.dot(form.by_squeeze), v.dot(form.by_squeeze), 0.0);
+  limit.pressed = form.normal_W.transpose() * form.force;
+  limit.most_N = squeeze_N * form.normal_W.dot(form.by_squeeze);
+  return limit;
 }
 
 /// Second derivative of |z| by (F, M) where z is `at_N`: what a tangent plane leaves out.
@@ -137,12 +145,12 @@ void LoadSharing::Program::weigh(int limb, const Bearer& bearer, const Vector3& 
 void LoadSharing::Program::limit_pads(int limb, const Bearer& bearer, const Wrench& balanced_W, const Contact& contact,
                                       const ControlParameters& control) noexcept {
   const double slope = control.grasp_force_factor / contact.friction;
-  const double balanced_normal_N = balanced_W.force_N.dot(bearer.finger_axis_W);
   const int at = limb * kWrench;
   for (int pad = 0; pad < kPads; ++pad) {
-    const double side = pad == 0 ? 1.0 : -1.0;
-    const PadMap map = pad_map(bearer.finger_axis_W, side, contact);
-    const Vector3 balanced_N = map * stacked(balanced_W);
+    const PadLimit pad_limits =
+        pad_limit(bearer.finger_axis_W, pad, contact, contact.max_normal_N - control.grasp_force_reserve_N);
+    const PadMap& map = pad_limits.map;
+    const Vector3 balanced_N = map * stacked(balanced_W) + pad_limits.offset_N;
     const std::array<Vector3, kPlanes> at_N = {balanced_N, balanced_N + map * change(limb)};
     const int first = (limb * kPads + pad) * kPlanes;
     const double multiplier = multipliers.segment<kPlanes>(first).sum();
@@ -158,10 +166,9 @@ void LoadSharing::Program::limit_pads(int limb, const Bearer& bearer, const Wren
       if (bearer.load <= 0.0) continue;
       const Vector3 normal = at_N[plane].normalized();
       limits.row(row).segment<kWrench>(at) = slope * normal.transpose() * map;
-      limits.row(row).segment<3>(at) -= 0.5 * side * bearer.finger_axis_W.transpose();
+      limits.row(row).segment<kWrench>(at) -= pad_limits.pressed;
       limits(row, kPadExcess) = -1.0;
-      upper[row] = contact.max_normal_N - control.grasp_force_reserve_N - slope * normal.dot(balanced_N) +
-                   0.5 * side * balanced_normal_N;
+      upper[row] = pad_limits.most_N - slope * normal.dot(balanced_N) + pad_limits.pressed * stacked(balanced_W);
     }
   }
 }

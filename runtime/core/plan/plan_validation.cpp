@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <numbers>
 #include <sstream>
 #include <vector>
 
@@ -20,6 +21,7 @@ constexpr double kTimeTolerance_s = 1e-6;
 constexpr double kMinStep_s = 1e-3, kMaxStep_s = 3600.0;  // between knots with times of their own
 constexpr double kPoseTolerance = 1e-6;                   // of a gripper that must not have moved [m, rad]
 constexpr double kForceTolerance_N = 1e-3;
+constexpr double kRightAngle_rad = std::numbers::pi / 2.0;
 // What the runtime's own loop could follow without anyone noticing.
 constexpr double kReachTolerance_m = 1e-3;
 constexpr double kReachTolerance_rad = 1e-2;
@@ -141,6 +143,12 @@ std::string grasp_defect(const RobotDescription& robot, const plan_t& plan, std:
   const std::string where = place(robot, k, l);
   if (limb.hold < 0 || limb.hold >= plan.n_holds) {
     return Sentence() << where << "hold is " << limb.hold << "; the plan has holds 0.." << plan.n_holds - 1;
+  }
+  for (const double lean_rad : plan.holds[limb.hold].lean_rad) {
+    if (!(lean_rad >= 0.0 && lean_rad < kRightAngle_rad)) {
+      return Sentence() << where << "a face of hold " << limb.hold << " leans by " << lean_rad
+                        << " rad; possible is 0 to less than a right angle";
+    }
   }
   const double max_normal_N = std::min(plan.max_normal_n, robot.gripper.max_finger_force_N);
   for (int finger = 0; finger < 2; ++finger) {

@@ -26,6 +26,15 @@ double squeeze_N(const crux_msgs::limb_knot_t& knot) {
   return 0.5 * axis.dot(Vector3(knot.finger_force_w_n) - Vector3(knot.finger_force_w_n + 3));
 }
 
+/// Of the faces under both fingers; finger 2 touches the one opposite.
+std::array<double, 2> leans_rad(const crux_msgs::plan_t& plan, const crux_msgs::limb_knot_t& knot) {
+  const bool grips = knot.phase == crux_msgs::limb_knot_t::STANCE && knot.hold >= 0 && knot.hold < plan.n_holds;
+  const int face = knot.finger1_face;
+  if (!grips || face < 0 || face >= crux_msgs::limb_knot_t::FACE_WALL) return {};
+  const double* lean_rad = plan.holds[knot.hold].lean_rad;
+  return {lean_rad[face], lean_rad[face ^ 1]};
+}
+
 /// Slopes of `dimensions` coordinates over all knots: `value(k, i)` in, `slope(k, i)` out.
 template <class Value, class Slope>
 void fill_slopes(const std::vector<double>& step_s, int dimensions, Value value, Slope slope) {
@@ -122,6 +131,7 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
                                .gripper_yaw_W_rad = from.gripper_yaw_w_rad,
                                .finger_opening_m = 0.5 * from.finger_separation_m,
                                .friction = from.friction,
+                               .lean_rad = leans_rad(plan, from),
                                .wrench_W = gripper_wrench(from),
                                .squeeze_N = squeeze_N(from)};
     }

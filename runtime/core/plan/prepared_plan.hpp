@@ -1,6 +1,7 @@
 // A plan made ready for the real-time thread: validated, with slopes and gripper wrenches worked out. Immutable.
 #pragma once
 
+#include <array>
 #include <crux_msgs/plan_t.hpp>
 #include <memory>
 #include <string>
@@ -17,6 +18,7 @@ struct LimbKnot {
   double gripper_yaw_W_rad = 0.0;
   double finger_opening_m = 0.0;  ///< pad face to gripper centre
   double friction = 0.0;
+  std::array<double, 2> lean_rad{};  ///< of the faces under fingers 1 and 2
   // On the robot about the gripper centre, piecewise constant over the interval that begins here.
   Wrench wrench_W;
   double squeeze_N = 0.0;  ///< mean of what both fingers press along the axis through them

@@ -33,6 +33,7 @@ void play_stance(const PreparedPlan& plan, int k, double u, int l, bool back, Li
   place_gripper(out, here, here, 0.0);
   out.finger_opening_m = here.finger_opening_m;
   out.friction = here.friction;
+  out.lean_rad = here.lean_rad;
   if (plan.lets_go(k + 1, l)) {
     out.load = 1.0 - unload_ramp(u);
     if (u > kUnloadBegin) out.phase = back ? LimbPhase::kLoad : LimbPhase::kUnload;
@@ -56,7 +57,10 @@ void play_swing_end(const LimbKnot& grasp, const LimbKnot& air, LimbPhase phase,
   if (phase == LimbPhase::kDescend) out.finger_opening_m -= (1.0 - open) * opens_m;
   if (phase == LimbPhase::kOpen || phase == LimbPhase::kLift) out.opens_m = opens_m;
   if (phase == LimbPhase::kOpen) out.may_lack_m = (1.0 - clear) * opens_m;
-  if (phase == LimbPhase::kDescend || out.closing()) out.friction = grasp.friction;
+  if (phase == LimbPhase::kDescend || out.closing()) {
+    out.friction = grasp.friction;
+    out.lean_rad = grasp.lean_rad;
+  }
 }
 
 void play_air(const PreparedPlan& plan, int k, double u, int l, bool back, LimbReference& out) {

@@ -1,6 +1,7 @@
 // How a plan is read between its knots: msgs/PLAN.md, pure.
 #pragma once
 
+#include <array>
 #include <cmath>
 
 #include "core/plan/prepared_plan.hpp"
@@ -40,13 +41,14 @@ struct LimbReference {
   Vector3 gripper_position_W_m = Vector3::Zero();
   double gripper_yaw_W_rad = 0.0;
   double finger_opening_m = 0.0;
-  double open_m = 0.0;      ///< the same, at either end of a swing, where the fingers are open for the way
-  double opens_m = 0.0;     ///< while it leaves a hold: how much further open than on it
-  double may_lack_m = 0.0;  ///< of that, as it lifts
-  Wrench wrench_W;          ///< on the robot about the gripper centre
-  double squeeze_N = 0.0;   ///< of each finger, as planned
-  double friction = 0.0;    ///< of the hold gripped or about to be gripped
-  bool back = false;        ///< in reverse: a swing leads to the hold that it began at
+  double open_m = 0.0;               ///< the same, at either end of a swing, where the fingers are open for the way
+  double opens_m = 0.0;              ///< while it leaves a hold: how much further open than on it
+  double may_lack_m = 0.0;           ///< of that, as it lifts
+  Wrench wrench_W;                   ///< on the robot about the gripper centre
+  double squeeze_N = 0.0;            ///< of each finger, as planned
+  double friction = 0.0;             ///< of the hold gripped or about to be gripped
+  std::array<double, 2> lean_rad{};  ///< of its faces under fingers 1 and 2, off the upright
+  bool back = false;                 ///< in reverse: a swing leads to the hold that it began at
   bool point_foot = false;  ///< stands or steps on the wall itself: no fingers to open or close, nothing to wait for
 
   bool gripping() const {

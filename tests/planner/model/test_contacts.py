@@ -9,8 +9,9 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError
 from crux_planner.model.build import build_problem
-from crux_planner.model.contacts import GripperShape, opening_for, pad_height, yaws_in_range
+from crux_planner.model.contacts import GripperShape, opening_for, yaws_in_range
 from crux_planner.model.cuboids import Cuboids
+from crux_planner.model.faces import pad_height
 from crux_planner.pipeline.explanation import check_start
 from crux_planner.search.equilibrium import StaticEquilibrium
 from hypothesis import given

@@ -26,11 +26,14 @@ def grip_margins(truth: Truth, plan: Any, robot: RobotModel) -> Floats:
     """(n, 4, 2): the share of what a pad can bear, mu fz, that is left beside sqrt(shear^2 + (twist/k)^2).
 
     0 where it slips, less where the other pad takes some of its twist; NaN where not both of a limb's pads press a hold
-    with what counts as contact. `robot` has the faces as they are. The hands' own inertia is left out.
+    with what counts as contact, and on walls with faces that lean. `robot` has the faces as they are. The hands' own
+    inertia is left out.
     """
     n = len(truth.cycle)
     face, normal_N = truth.pad_face.reshape(n, 4, 2), truth.pad_force_n.reshape(n, 4, 2)
     pressed = (normal_N >= robot.robot.control.contact_force_N) & (face >= 0) & (robot.face_hold[face] >= 0)
+    if any(any(hold.lean_rad) for hold in plan.holds):
+        return np.full((n, 4, 2), np.nan)  # faces that lean are not in these statics
     normal = _normals(truth, face, robot)
     out = np.stack([normal, -normal], axis=2)  # of both pads' faces
     centre_m = truth.pad_position_m.reshape(n, 4, 2, 3) - truth.gripper_position_m[:, :, None]

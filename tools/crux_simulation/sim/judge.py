@@ -65,8 +65,11 @@ class Tracking:
     """of the contact forces of limbs under their whole load"""
 
 
-def pad_travel(truth: Truth, face_hold: Ints, contact_force_n: float, point_feet: bool = False) -> list[float]:
-    """Largest tangential travel [m] of every loaded episode of every pad.
+def pad_travel(
+    truth: Truth, face_hold: Ints, contact_force_n: float, point_feet: bool = False, sides: Floats | None = None
+) -> list[float]:
+    """Largest tangential travel [m] of every loaded episode of every pad; `sides` (holds, 4, 3) are the normals of the
+    holds' side faces, where some lean.
 
     An episode begins when a pad on a hold (point feet: on the wall) presses with `contact_force_n` and ends when its
     force is nearly gone.
@@ -85,6 +88,9 @@ def pad_travel(truth: Truth, face_hold: Ints, contact_force_n: float, point_feet
                     start, furthest = position, 0.0
                     # pads press along the gripper's opening axis, feet along its z
                     normal = truth.gripper_rotation[i, pad // 2, :, 2 if point_feet else 0]
+                    if sides is not None:
+                        mine = sides[face_hold[face[i]]]
+                        normal = mine[(mine @ normal * (1 - 2 * (pad % 2))).argmax()]
                 continue
             if not on_hold[i] or force[i] < UNLOADED_SHARE * contact_force_n:
                 travels.append(furthest)
@@ -95,6 +101,15 @@ def pad_travel(truth: Truth, face_hold: Ints, contact_force_n: float, point_feet
         if start is not None:
             travels.append(furthest)
     return travels
+
+
+def _leaning_sides(plan: Any) -> Floats | None:
+    """(holds, 4, 3) normals of the holds' side faces in W; None where none leans."""
+    if not any(any(hold.lean_rad) for hold in plan.holds):
+        return None
+    yaw = np.array([hold.yaw_rad for hold in plan.holds])[:, None] + np.pi * np.array([0.0, 1.0, 0.5, 1.5])
+    lean = np.array([hold.lean_rad for hold in plan.holds])
+    return np.stack([np.cos(lean) * np.cos(yaw), np.cos(lean) * np.sin(yaw), np.sin(lean)], axis=-1)
 
 
 def contact_forces_w(truth: Truth, plan: Any, hand_mass_kg: Floats) -> Floats:
@@ -204,7 +219,8 @@ def judge(
     lost_grips: dict[str, float] = {}
     for _, lost in found:
         lost_grips = lost | lost_grips
-    travels = pad_travel(truth, robot.face_hold, robot.robot.control.contact_force_N, robot.point_feet)
+    contact_N = robot.robot.control.contact_force_N
+    travels = pad_travel(truth, robot.face_hold, contact_N, robot.point_feet, _leaning_sides(plan))
     slip_m = WALK_SLIP_M if robot.point_feet else SLIP_M
     goal_position, goal_rotation = goal_pose(plan)
     goal_error_m = float(np.linalg.norm(truth.body_position_m[-1] - goal_position))

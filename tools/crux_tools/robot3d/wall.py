@@ -1,7 +1,7 @@
 """The wall of a plan as MuJoCo geometry: holds and obstacles are boxes, a face may have its own friction and spines.
 
-A box geom has one friction coefficient, so a hold whose faces differ is built from five slabs that meet without
-overlap: a pad on a face then touches exactly one of them.
+A geom has one friction coefficient, so a hold whose faces differ is built from five slabs that meet without overlap: a
+pad on a face then touches exactly one of them. Holds with faces that lean are convex meshes, of the same parts.
 """
 
 from __future__ import annotations
@@ -54,6 +54,51 @@ def _slabs(size_m: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64], 
     ]
 
 
+def _corners(size_m: NDArray[np.float64], lean_rad: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
+    """(4, 3) of a hold that stands on z = 0, at a height: going round from +x, +y."""
+    inward = height_m * np.tan(lean_rad)
+    x, y = size_m[0] / 2 - inward[:2], size_m[1] / 2 - inward[2:]
+    places = ((x[0], y[0]), (-x[1], y[0]), (-x[1], -y[1]), (x[0], -y[1]))
+    return np.array([[*place, height_m] for place in places])
+
+
+def _leaning_parts(size_m: NDArray[np.float64], lean_rad: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64]]]:
+    """(face, corners (8, 3)) of the five slabs of such a hold: sides, that end under the top's."""
+    top = min(TOP_SLAB_M, size_m[2] / 2)
+    foot, under, over = (_corners(size_m, lean_rad, z) for z in (0.0, size_m[2] - top, size_m[2]))
+    least = np.abs(under[:, :2]).min()
+    parts = [("top", np.vstack([under, over]))]
+    for face, (first, last) in {"+x": (3, 0), "-x": (1, 2), "+y": (0, 1), "-y": (2, 3)}.items():
+        outer = np.vstack([foot[[first, last]], under[[first, last]]])
+        axis = "xy".index(face[1])
+        step = np.zeros(3)
+        step[axis] = -min(SIDE_SLAB_M, least) if face[0] == "+" else min(SIDE_SLAB_M, least)
+        if axis == 1:  # between the slabs of x
+            outer[:, 0] += np.where(outer[:, 0] > 0.0, -1.0, 1.0) * min(SIDE_SLAB_M, 0.9 * least)
+        parts.append((face, np.vstack([outer, outer + step])))
+    return parts
+
+
+def _add_leaning(spec: mujoco.MjSpec, body: Any, hold: Any, index: int) -> list[Face]:
+    """The geoms of a hold with faces that lean."""
+    size_m, lean_rad = np.array(hold.size_m), np.array(hold.lean_rad)
+    if len(set(zip(hold.friction, hold.spines, strict=True))) == 1:
+        parts = [("", np.vstack([_corners(size_m, lean_rad, z) for z in (0.0, size_m[2])]))]
+    else:
+        parts = _leaning_parts(size_m, lean_rad)
+    faces = []
+    for face, corners in parts:
+        which, name = FACE_NAMES.index(face) if face else 0, f"hold{index}{face}"
+        friction, spines = float(hold.friction[which]), bool(hold.spines[which])
+        spec.add_mesh(name=name, uservert=corners.ravel())
+        body.add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, contype=0, conaffinity=1,
+            rgba=HOLD_RGBA if friction > 0 else SLIPPERY_RGBA,
+        )  # fmt: skip
+        faces.append(Face(index, name, friction, spines))
+    return faces
+
+
 def add_wall(spec: mujoco.MjSpec, plan: Any) -> list[Face]:
     """Adds the wall plane, the holds and the obstacles to `spec`; returns every touchable face."""
     world = spec.worldbody
@@ -73,6 +118,9 @@ def add_wall(spec: mujoco.MjSpec, plan: Any) -> list[Face]:
         body = world.add_body(
             name=f"hold{index}", pos=hold.position_w_m, quat=[np.cos(half_yaw), 0, 0, np.sin(half_yaw)]
         )
+        if any(hold.lean_rad):
+            faces += _add_leaning(spec, body, hold, index)
+            continue
         surfaces = set(zip(hold.friction, hold.spines, strict=True))
         one_box = [("", np.array([0, 0, size_m[2] / 2]), size_m / 2)]
         parts = one_box if len(surfaces) == 1 else _slabs(size_m)

@@ -4,6 +4,7 @@ For a plan the fingers' wrenches are known. A log holds the wrench of the grippe
 two fingers' shares follow from them: one actuator drives both, so the squeeze is the mean of the two normal forces and
 the wrench's part along the opening axis their difference; the fingers share tangential force and twist equally (4);
 what is left of the moment, across the opening axis, is a couple of tangential forces on the arm between the pads.
+On a face that leans a pad, a ball, touches beside the axis, and its twist is about the face's normal.
 A foot on the wall itself stands on both pads alike, and bears no moment (msgs/PLAN.md).
 """
 
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from crux_contracts.plan_series import PlanSeries, plan_series
+from crux_contracts.robot import load_robot, robot_names
 from crux_planner.checker.limit_surface import cone_excess
 
 from crux_tools.telemetry import Telemetry
@@ -22,7 +24,8 @@ from crux_tools.telemetry.summary import in_full_stance
 
 _FACES = 4  # +x, -x, +y, -y
 X, Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-FLAT = 0.5  # z of the normal: above it the face is the wall itself, below it a side of a hold
+SIDES = np.array([[1.0], [-1.0]])  # of the opening axis, fingers 1 and 2
+FLAT = 0.95  # z of the normal: above it the face is the wall itself, below it a side of a hold
 
 
 def _surfaces(plan: Any, series: PlanSeries) -> tuple[np.ndarray, np.ndarray]:
@@ -65,6 +68,7 @@ def _grip(
     """Of wrenches (..., 3), (..., 3) on faces with outward normals (..., 3)."""
     on_wall = (outward[..., 2] > FLAT)[..., None]
     tangent = np.where(on_wall, X, np.cross(Z, outward))
+    tangent = tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
     other_tangent = np.cross(outward, tangent)
     normal = (force * outward).sum(axis=-1)
     margin = -cone_excess(
@@ -85,6 +89,41 @@ def _outward(axis: np.ndarray, on_wall: np.ndarray) -> np.ndarray:
     return np.where(on_wall[..., None, None], Z, np.stack([axis, -axis], axis=-2))
 
 
+class _Leaning(NamedTuple):
+    """Of fingers 1 and 2 at every knot, (K, 4, 2, 3) each."""
+
+    normal: np.ndarray
+    touch_m: np.ndarray
+    """where the pads touch, off their faces on the opening axis"""
+
+    @classmethod
+    def of(cls, plan: Any, series: PlanSeries, outward: np.ndarray) -> _Leaning | None:
+        """None where no face leans."""
+        lean = np.zeros((*series.hold.shape, 2))
+        for k, limb in np.argwhere(series.stance & (series.hold >= 0)).tolist():
+            face, hold = series.finger1_face[k, limb], plan.holds[series.hold[k, limb]]
+            lean[k, limb] = [hold.lean_rad[face], hold.lean_rad[face ^ 1]]
+        if not lean.any():
+            return None
+        normal = np.cos(lean)[..., None] * outward + np.sin(lean)[..., None] * Z
+        radius_m = load_robot(plan.robot_name).gripper.pad_radius_m if plan.robot_name in robot_names() else 0.0
+        return cls(normal, radius_m * (outward - normal))
+
+    def at(self, knot: Any) -> _Leaning:
+        return _Leaning(self.normal[knot], self.touch_m[knot])
+
+    def split(
+        self, force: np.ndarray, moment: np.ndarray, axis: np.ndarray, half_m: np.ndarray, squeeze_n: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As split_between_fingers, about where the pads touch."""
+        moment = moment - np.cross(self.touch_m.mean(axis=-2), force)
+        couple = np.cross(self.touch_m[..., 0, :] - self.touch_m[..., 1, :], axis)
+        forces, _ = split_between_fingers(force, moment - squeeze_n[..., None] * couple, axis, half_m, squeeze_n)
+        cosines = ((self.normal[..., 0, :] - self.normal[..., 1, :]) * axis).sum(axis=-1)
+        twist = (moment * axis).sum(axis=-1) / cosines
+        return forces, twist[..., None, None] * self.normal * SIDES
+
+
 def planned_margin_n(plan: Any) -> np.ndarray:
     """Margin of fingers 1 and 2 of every limb at every knot, (K, 4, 2) [N]; NaN in the air."""
     return planned_grip(plan).margin_n
@@ -96,7 +135,10 @@ def planned_grip(plan: Any) -> Grip:
     friction, spines = _surfaces(plan, series)
     axis = series.opening_axis
     outward = _outward(axis, series.on_wall)
-    grip = _grip(plan, series.finger_force_n, series.finger_moment_nm, outward, friction, spines)
+    moment, leaning = series.finger_moment_nm, _Leaning.of(plan, series, outward)
+    if leaning is not None:
+        outward, moment = leaning.normal, moment - np.cross(leaning.touch_m, series.finger_force_n)
+    grip = _grip(plan, series.finger_force_n, moment, outward, friction, spines)
     return grip.where(series.stance[..., None])
 
 
@@ -147,10 +189,13 @@ def measured_grip(log: Telemetry, filter_s: float) -> Grip:
     rotation = rotations_from_quaternions(log.limbs["gripper_quaternion_w"].reshape(-1, 4)).reshape(-1, 4, 3, 3)
     axis = rotation[..., 0]
     whole = _gripper_wrenches(log, filter_s, rotation)
-    force, moment = split_between_fingers(*whole, axis, log.inputs["finger_opening_m"], log.inputs["finger_force_n"])
+    outward = _outward(axis, series.on_wall[knot])
+    leaning = _Leaning.of(plan, series, _outward(series.opening_axis, series.on_wall))
+    given = (*whole, axis, log.inputs["finger_opening_m"], log.inputs["finger_force_n"])
+    force, moment = split_between_fingers(*given) if leaning is None else leaning.at(knot).split(*given)
+    outward = outward if leaning is None else leaning.normal[knot]
     on_wall = series.on_wall[knot][..., None, None]
     force = np.where(on_wall, np.stack([whole[0], whole[0]], axis=2) / 2, force)
     moment = np.where(on_wall, 0.0, moment)  # two pads beside each other bear what a point does not
-    outward = _outward(axis, series.on_wall[knot])
     grip = _grip(plan, force, moment, outward, friction[knot], spines[knot])
     return grip.where((in_full_stance(log) & series.stance[knot])[..., None])

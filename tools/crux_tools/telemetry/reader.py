@@ -22,6 +22,7 @@ from crux_tools.telemetry.log_format import newer_format
 # Fields that logs of earlier runtimes do not have, and that nothing here needs.
 ADDED = {
     "/control_input": {"bus_state", "command_value", "late_s"},
+    "/plan": {"lean_rad"},
     "/command": {"value"},
     "/cycle_timing": {"answer_ns"},
     "/limb_telemetry": {
@@ -154,7 +155,7 @@ def _telemetry_of(path: Path, channels: Channels, remarks: list[str]) -> Telemet
     plans, verdicts = channels.messages.get("/plan", []), channels.messages.get("/truth/verdict", [])
     return Telemetry(
         path=path,
-        plan=plans[-1] if plans else None,
+        plan=_with_leans(plans[-1]) if plans else None,
         time_s=common_ns * 1e-9,
         state=aligned[STATE_TOPIC],
         inputs=aligned["/control_input"],
@@ -173,3 +174,11 @@ def _telemetry_of(path: Path, channels: Channels, remarks: list[str]) -> Telemet
         notes=notes,
         verdict=verdicts[-1] if verdicts else None,
     )
+
+
+def _with_leans(plan: Any) -> Any:
+    """The plan of a log; older ones do not say how faces lean: none did."""
+    for hold in plan.holds:
+        if not hasattr(hold, "lean_rad"):
+            hold.lean_rad = [0.0] * 4
+    return plan

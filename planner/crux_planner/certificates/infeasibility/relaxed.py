@@ -268,7 +268,7 @@ class RelaxedBalance:
             at = 3 + 6 * j
             s1, s2, m, net, normal, share = found[at : at + 6]
             load = np.array([s1, s2, m / k])
-            for side, friction, spines in self.centred.limits[support[i]]:
+            for side, friction, spines, _ in self.centred.limits[support[i]]:
                 spine = spines / [1.0, 1.0, k]
                 beyond = load - np.clip(load, -share * spine, share * spine)  # what friction has to carry
                 size = float(np.linalg.norm(beyond))

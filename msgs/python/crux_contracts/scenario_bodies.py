@@ -1,0 +1,180 @@
+"""Scenario files of version 2: gravity as a vector, surfaces, and holds with a pose and a shape.
+
+What of it this crux can plan with becomes a Scenario as that of version 1; the rest is refused by name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from .reading import Checker
+from .records import REQUIRED, Key, key, keys_of
+from .scenario_types import (
+    FACE_NAMES,
+    MAX_CUBOIDS,
+    MAX_FRICTION,
+    MAX_GRAVITY_M_S2,
+    MAX_LEAN_DEG,
+    POSITION,
+    SIZE_M,
+    VERSIONS,
+    Hold,
+    Obstacle,
+    Scenario,
+    Wall,
+)
+from .yaml_document import Node
+
+SIDE_FACES = FACE_NAMES[:4]
+LEAST_TOP_M = 0.005  # edges of a top that leaning faces leave
+UPRIGHT_DEG = 1e-6
+ON_WALL_M = 1e-9
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Endless."""
+
+    point_m: tuple[float, float, float] = key(REQUIRED, *POSITION, "of it")
+    normal: tuple[float, float, float] = key(REQUIRED, -1.0, 1.0, "", "off it, of length 1")
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What feet stand on and everything else keeps clear of."""
+
+    name: str = key(REQUIRED, means="any text")
+    plane: Plane = key(REQUIRED, means="today that of W, z = 0")
+    friction: float = key(0.6, 0.0, MAX_FRICTION, "", "of feet on it")
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Of the middle of a body's foot."""
+
+    position_m: tuple[float, float, float] = key(REQUIRED, *POSITION, "x, y, z in W")
+    rpy_deg: tuple[float, float, float] = key((0.0, 0.0, 0.0), -360.0, 360.0, "degrees", "roll, pitch and yaw")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A box whose sides may lean in."""
+
+    box_m: tuple[float, float, float] = key(REQUIRED, *SIZE_M, "m", "of the foot along its own axes, and the height")
+    lean_deg: dict[str, float] = key(
+        dict, 0.0, MAX_LEAN_DEG, "degrees", "by which a side leans in from the upright", words=SIDE_FACES
+    )
+
+
+@dataclass(frozen=True)
+class Box:
+    """A cuboid to be kept clear of."""
+
+    name: str = key(REQUIRED, means="any text, each name once")
+    pose: Pose = key(REQUIRED, means="of the middle of its foot")
+    shape: Shape = key(REQUIRED, means="of the body")
+
+
+@dataclass(frozen=True)
+class BoxHold(Box):
+    """A body over which grippers close."""
+
+    friction: tuple[float, ...] = key((), 0.0, MAX_FRICTION, "", "one, or by face", required=True, reader="friction")
+    spines: tuple[bool, ...] = key((True,) * 5, means="whether spines grip, of all or by face", reader="spines")
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """What a file of version 2 has in place of version 1's wall, holds and obstacles."""
+
+    gravity_m_s2: tuple[float, float, float] = key(REQUIRED, -MAX_GRAVITY_M_S2, MAX_GRAVITY_M_S2, "m/s^2", "in W")
+    surfaces: tuple[Surface, ...] = key(REQUIRED, most=1, means="today one plane")
+    holds: tuple[BoxHold, ...] = key((), most=MAX_CUBOIDS, means="bodies over which grippers close")
+    obstacles: tuple[Box, ...] = key((), most=MAX_CUBOIDS, means="bodies that nothing may touch; holds are, too")
+
+
+REPLACED = ("wall", "holds", "obstacles")
+
+
+def keys_of_version(version: int) -> dict[str, Key]:
+    """The keys of a scenario file of a version, `version` itself left out."""
+    keys = keys_of(Scenario)
+    if version == VERSIONS[0]:
+        return keys
+    return {name: each for name, each in keys.items() if name not in REPLACED} | keys_of(Bodies)
+
+
+def as_first(read: dict[str, Any], members: Mapping[str, Node], check: Checker) -> dict[str, Any]:
+    """What a file of version 2 holds, `read` of its `members`, as a Scenario has it; what it cannot have is noted."""
+    bodies = {name: read.pop(name, ()) for name in keys_of(Bodies)}
+    gravity = bodies["gravity_m_s2"] or (0.0, 0.0, 0.0)
+    if "gravity_m_s2" in members and not any(gravity):
+        check.note(members["gravity_m_s2"], "expected a vector that is not 0")
+    surfaces = bodies["surfaces"]
+    if "surfaces" in members and not surfaces and not check.problems:
+        check.note(members["surfaces"], "expected one plane")
+    for node, surface in zip(_items(members.get("surfaces")), surfaces, strict=False):
+        _is_wall(node, surface, check)
+    for name in ("holds", "obstacles"):
+        for node, body in zip(_items(members.get(name)), bodies[name], strict=False):
+            _is_upright(node, body, check)
+    slope = math.degrees(math.atan2(math.hypot(*gravity[:2]), -gravity[2]))
+    friction = surfaces[0].friction if surfaces else 0.0
+    return read | {
+        "wall": Wall(slope, friction, gravity),
+        "holds": tuple(_hold(body) for body in bodies["holds"]) if not check.problems else (),
+        "obstacles": tuple(Obstacle(**_cuboid(body)) for body in bodies["obstacles"]) if not check.problems else (),
+    }
+
+
+def _items(node: Node | None) -> list[Node]:
+    return node.content if node is not None and isinstance(node.content, list) else []
+
+
+def _is_wall(node: Node, surface: Surface, check: Checker) -> None:
+    """Grippers are upright on one plane, z = 0 of W."""
+    plane = surface.plane
+    if plane.normal is None or plane.point_m is None:
+        return
+    if math.dist(plane.normal, (0.0, 0.0, 1.0)) > ON_WALL_M:
+        shown = [round(each, 4) for each in plane.normal]
+        check.note_at(node, "plane.normal", f"{shown}", "is not supported yet: expected [0, 0, 1], z of W off the wall")
+    if abs(plane.point_m[2]) > ON_WALL_M:
+        check.note_at(node, "plane.point_m", f"z {plane.point_m[2]:g}", "is not supported yet: expected z 0")
+
+
+def _is_upright(node: Node, body: Box, check: Checker) -> None:
+    """Bodies stand upright on the wall; leaning sides leave a top."""
+    if body.pose is None or body.shape is None or body.pose.position_m is None or body.shape.box_m is None:
+        return
+    x, y, height = body.shape.box_m
+    if abs(body.pose.position_m[2]) > ON_WALL_M:
+        found = f"z {body.pose.position_m[2]:g}"
+        check.note_at(node, "pose.position_m", found, f"is not supported yet: {body.name} must stand on the wall, z 0")
+    if max(map(abs, body.pose.rpy_deg[:2])) > UPRIGHT_DEG:
+        roll, pitch, _ = body.pose.rpy_deg
+        why = f"is not supported yet: {body.name} is turned out of the wall's plane; expected 0, 0, or shape.lean_deg"
+        check.note_at(node, "pose.rpy_deg", f"roll {roll:g}, pitch {pitch:g}", why)
+    if body.shape.lean_deg and not isinstance(body, BoxHold):
+        check.note_at(node, "shape.lean_deg", "", "is for holds: an obstacle is a box")
+    for axis, width in (("x", x), ("y", y)):
+        leans = [body.shape.lean_deg.get(f"{sign}{axis}", 0.0) for sign in "+-"]
+        left = width - height * sum(math.tan(math.radians(each)) for each in leans)
+        if left < LEAST_TOP_M:
+            why = (
+                f"leaves {1e3 * left:.1f} mm along {axis} at the top of {body.name}, expected {1e3 * LEAST_TOP_M:g} mm"
+            )
+            check.note_at(node, "shape.lean_deg", "", why)
+
+
+def _cuboid(body: Box) -> dict[str, Any]:
+    x, y, _ = body.pose.position_m
+    return {"name": body.name, "position_m": (x, y), "size_m": body.shape.box_m, "yaw_deg": body.pose.rpy_deg[2]}
+
+
+def _hold(body: BoxHold) -> Hold:
+    lean_deg = tuple(body.shape.lean_deg.get(face, 0.0) for face in SIDE_FACES)
+    return Hold(**_cuboid(body), friction=body.friction, spines=body.spines, lean_deg=lean_deg)

@@ -1,0 +1,75 @@
+"""Pairs of faces of a hold as pads meet them: upright, or leaning in to the hold's middle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Hold
+
+from crux_planner.model.contacts import FACE_NAMES
+
+
+def faces_of(pair: int) -> list[int]:
+    """Numbers of the plus and the minus face of a pair."""
+    return [2 * pair, 2 * pair + 1]
+
+
+@dataclass(frozen=True)
+class Faces:
+    """A pair of faces where the pads of a gripper meet them, their middles `height_m` over the wall."""
+
+    height_m: float
+    half_m: float  # of the way between the pads
+    foot_half_m: float  # the same of the foot, from the gripper's middle
+    width_m: float  # of the narrower face, where the patch ends
+    off_m: float  # of the gripper's middle from the hold's, along the axis
+    aside_m: float  # and across it
+
+    @classmethod
+    def of(cls, hold: Hold, pair: int, robot: Robot, patch_radius_m: float, palm_m: float) -> Faces | None:
+        """None where the hold is too low or too high for the pads."""
+        mine, others = ([hold.lean_rad[face] for face in faces_of(which)] for which in (pair, 1 - pair))
+        radius, size = robot.gripper.pad_radius_m, hold.size_m
+        height = pad_height(size[2], robot.grasp.pad_height_m, patch_radius_m, palm_m, mine, radius)
+        if height is None:
+            return None
+        # A ball touches a leaning face when its middle is so far beyond it along the axis.
+        out = [size[pair] / 2 - height * np.tan(lean) + radius * (1.0 / np.cos(lean) - 1.0) for lean in mine]
+        patch_end = height + max(patch_radius_m * np.cos(lean) - radius * np.sin(lean) for lean in mine)
+        ends = [size[1 - pair] / 2 - patch_end * np.tan(lean) for lean in others]
+        half, off = (out[0] + out[1]) / 2, (out[0] - out[1]) / 2
+        return cls(height, half, size[pair] / 2 + abs(off), sum(ends), off, (ends[0] - ends[1]) / 2 * (1 - 2 * pair))
+
+
+def pad_height(
+    hold_height_m: float,
+    allowed_m: tuple[float, float],
+    patch_radius_m: float,
+    palm_above_pad_m: float,
+    lean_rad: Sequence[float] = (0.0, 0.0),
+    pad_radius_m: float = 0.0,
+) -> float | None:
+    """Height of the pads above the wall: mid-range, but the whole patch on the face and the palm above the hold. On a
+    face that leans the patch is under the pad's middle.
+
+    None where the hold is too low or too high to be gripped.
+    """
+    under, patch = pad_radius_m * np.sin(lean_rad), patch_radius_m * np.cos(lean_rad)
+    low = max(allowed_m[0], float((patch + under).max()), hold_height_m - palm_above_pad_m)
+    high = min(allowed_m[1], hold_height_m - float((patch - under).max()))
+    if low > high:
+        return None
+    return float(np.clip((allowed_m[0] + allowed_m[1]) / 2, low, high))
+
+
+def too_steep(hold: Hold, pair: int) -> str | None:
+    """Why friction holds no pad on one of a pair's faces, if it leans so much."""
+    for face in faces_of(pair):
+        lean, friction = hold.lean_rad[face], hold.friction[face]
+        if 0.0 < friction <= np.tan(lean):
+            text = f"face {FACE_NAMES[face]} leans by {np.degrees(lean):.0f} degrees"
+            return f"{text}, with friction {friction:g} pads slide off from {np.degrees(np.arctan(friction)):.0f}"
+    return None

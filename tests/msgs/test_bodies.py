@@ -1,0 +1,113 @@
+"""Scenario files of version 2: the same wall as a file of version 1, and what is refused of them."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import Any
+
+import pytest
+from crux_contracts.scenario import Scenario, ScenarioError, parse_scenario
+from test_schemas import read_schema, wrong
+
+FIRST: dict[str, Any] = {
+    "version": 1,
+    "name": "wall",
+    "robot": "scaler",
+    "wall": {"slope_deg": 110, "friction": 0.5},
+    "contact": {"model": "patch", "spine_shear_N": 5},
+    "holds": [
+        {"name": limb, "position_m": [x, y], "size_m": [0.09, 0.06, 0.05], "yaw_deg": 10, "friction": 2.0}
+        for limb, x, y in (("LF", 0.14, 0.36), ("RF", 0.14, -0.36), ("LR", -0.14, 0.36), ("RR", -0.14, -0.36))
+    ],
+    "obstacles": [{"name": "pillar", "position_m": [0.6, 0.1], "size_m": [0.05, 0.05, 0.2], "yaw_deg": 30}],
+    "start": {
+        "body": {"position_m": [0, 0, 0.185]},
+        "grasps": {limb: {"hold": limb, "faces": "x"} for limb in ("LF", "RF", "LR", "RR")},
+    },
+    "goal": {"body": {"position_m": [0.02, 0, 0.185]}},
+    "horizon": {"steps": 20, "dt_s": 2},
+}
+
+
+def body(old: dict[str, Any]) -> dict[str, Any]:
+    rest = {key: old[key] for key in ("name", "friction") if key in old}
+    pose = {"position_m": [*old["position_m"], 0.0], "rpy_deg": [0, 0, old["yaw_deg"]]}
+    return rest | {"pose": pose, "shape": {"box_m": old["size_m"]}}
+
+
+def second() -> dict[str, Any]:
+    slope = math.radians(FIRST["wall"]["slope_deg"])
+    wall = {key: copy.deepcopy(value) for key, value in FIRST.items() if key != "wall"}
+    plane = {"point_m": [0, 0, 0], "normal": [0, 0, 1]}
+    return wall | {
+        "version": 2,
+        "gravity_m_s2": [-9.81 * math.sin(slope), 0.0, -9.81 * math.cos(slope)],
+        "surfaces": [{"name": "wall", "plane": plane, "friction": 0.5}],
+        "holds": [body(each) for each in FIRST["holds"]],
+        "obstacles": [body(each) for each in FIRST["obstacles"]],
+    }
+
+
+def parts(scenario: Scenario) -> dict[str, Any]:
+    return {key: value for key, value in vars(scenario).items() if key not in ("yaml_text", "wall")}
+
+
+def test_the_same_wall_reads_the_same() -> None:
+    old, new = parse_scenario(FIRST), parse_scenario(second())
+    assert parts(old) == parts(new)
+    assert new.wall.gravity_w_m_s2 == pytest.approx(old.wall.gravity_w_m_s2)
+    assert new.wall.slope_deg == pytest.approx(110.0)
+    assert new.wall.friction == 0.5
+
+
+def test_faces_lean_and_gravity_points_anywhere() -> None:
+    wall = second()
+    wall["gravity_m_s2"] = [1.0, -2.0, 0.5]
+    wall["holds"][1]["shape"]["lean_deg"] = {"+x": 30, "-y": 15}
+    read = parse_scenario(wall)
+    assert read.wall.gravity_w_m_s2 == (1.0, -2.0, 0.5)
+    assert read.leans
+    assert [hold.leans for hold in read.holds] == [False, True, False, False]
+    assert read.holds[1].lean_rad == pytest.approx(tuple(map(math.radians, (30, 0, 0, 15))))
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "says"),
+    [
+        (("holds", 1, "pose", "rpy_deg"), [20, 0, 0], "holds[1].pose.rpy_deg: roll 20, pitch 0: is not supported yet"),
+        (
+            ("holds", 0, "pose", "position_m"),
+            [0.14, 0.36, 0.1],
+            "holds[0].pose.position_m: z 0.1: is not supported yet",
+        ),
+        (("surfaces", 0, "plane", "normal"), [1, 0, 0], "surfaces[0].plane.normal: [1.0, 0.0, 0.0]: is not supported"),
+        (("surfaces", 0, "plane", "point_m"), [0, 0, 1], "surfaces[0].plane.point_m: z 1: is not supported yet"),
+        (("surfaces",), [], "surfaces: a list of 0: expected one plane"),
+        (("holds", 2, "shape", "lean_deg"), {"+y": 45, "-y": 45}, "leaves -40.0 mm along y at the top of LR"),
+        (("holds", 2, "shape", "lean_deg"), {"+y": 60}, "expected a number in 0..50 degrees"),
+        (("obstacles", 0, "shape", "lean_deg"), {"+y": 10}, "obstacles[0].shape.lean_deg: is for holds"),
+        (("gravity_m_s2",), [0, 0, 0], "expected a vector that is not 0"),
+        (("wall",), {"slope_deg": 90}, "wall: unknown key"),
+        (("holds", 0, "pose", "position_m"), [-0.14, 0.36, 0], '"LR" overlaps "LF"'),
+    ],
+)
+def test_what_cannot_be_is_named(place: tuple[Any, ...], value: Any, says: str) -> None:
+    wall: Any = second()
+    part = wall
+    for key in place[:-1]:
+        part = part[key]
+    part[place[-1]] = value
+    with pytest.raises(ScenarioError) as error:
+        parse_scenario(wall)
+    assert says in str(error.value)
+
+
+def test_the_schema_takes_it_and_refuses_what_the_reader_refuses() -> None:
+    schema = read_schema("scenario-2.json")
+    assert wrong(schema, second()) == []
+    assert wrong(schema, second() | {"surfaces": []}) == []
+    assert wrong(schema, second() | {"wall": {"slope_deg": 90}}) == [".wall"]
+    steep = second()
+    steep["holds"][0]["shape"]["lean_deg"] = {"+x": 60}
+    assert wrong(schema, steep) == [".holds[0].shape.lean_deg.+x"]

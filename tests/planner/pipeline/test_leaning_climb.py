@@ -1,0 +1,79 @@
+"""A climb on holds whose faces lean: planned, checked, and refused by the check once the holds are smoother."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+
+import crux_planner
+import pytest
+from crux_contracts.plan_file import plan_id
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import ScenarioError
+from crux_msgs import plan_t
+from crux_planner.checker import check_plan
+from crux_planner.pipeline.message import PlanResult
+from leaning import leaning
+from walls import one_move
+
+ROBOT = load_robot("scaler")
+WALL = leaning({"+x": 30, "-x": 30}, one_move(slope_deg=90.0))
+
+
+@cache
+def planned() -> PlanResult:
+    return crux_planner.plan(WALL, ROBOT)
+
+
+def changed(old: str, new: str) -> plan_t:
+    """The plan of a wall whose file says something else."""
+    plan = plan_t.decode(planned().plan.encode())
+    assert old in plan.scenario_yaml
+    plan.scenario_yaml = plan.scenario_yaml.replace(old, new)
+    plan.scenario_sha256 = hashlib.sha256(plan.scenario_yaml.encode()).hexdigest()
+    return plan
+
+
+def test_it_is_planned_and_passes_the_check() -> None:
+    result = planned()
+    assert result.check.ok
+    assert result.gap is None  # bounds are about upright faces
+    assert all(hold.lean_rad[:2] == pytest.approx([0.5235987756] * 2) for hold in result.plan.holds)
+    assert result.check.cost == pytest.approx(result.cost, rel=2e-3)  # the program adds a little for spines
+
+
+def test_a_wall_with_other_faces_is_not_the_plans() -> None:
+    plan = changed("+x: 30", "+x: 25")
+    plan.plan_id = plan_id(plan)
+    names = {violation.constraint for violation in check_plan(plan, ROBOT).violations}
+    assert "scenario_match" in names
+
+
+def test_upright_faces_are_not_where_the_pads_are() -> None:
+    plan = changed("x: 30\n", "x: 0\n")
+    for hold in plan.holds:
+        hold.lean_rad = [0.0] * 4
+    plan.plan_id = plan_id(plan)
+    names = {violation.constraint for violation in check_plan(plan, ROBOT).violations}
+    assert {"contact_face", "limit_surface_between_knots"} & names
+
+
+def test_smoother_faces_do_not_hold() -> None:
+    plan = changed("friction: 2.2", "friction: 1.0")
+    for hold in plan.holds:
+        hold.friction = [1.0] * 5
+    for knot in plan.knots:
+        for limb in knot.limbs:
+            limb.friction = min(limb.friction, 1.0)
+    plan.plan_id = plan_id(plan)
+    names = {violation.constraint for violation in check_plan(plan, ROBOT).violations}
+    assert "limit_surface" in names
+
+
+def test_what_is_not_there_yet_is_refused() -> None:
+    with pytest.raises(ScenarioError) as error:
+        crux_planner.plan(WALL | {"uncertainty": {"friction": 0.1}}, ROBOT)
+    assert "uncertainty: is not supported yet where faces lean, as those of LF-low" in str(error.value)
+    with pytest.raises(ScenarioError) as error:
+        crux_planner.plan(WALL, ROBOT, method="two_block")
+    assert "planner.method: two_block: expected auto: a hold has faces that lean" in str(error.value)
