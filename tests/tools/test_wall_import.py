@@ -101,16 +101,22 @@ def test_each_body_is_what_it_is(tilt_deg: int, which: int, tmp_path: Path, caps
         assert isinstance(reason, str)
         assert body["hold"] is (not reason), (name, body)
         assert reason in (body["reason"] or ""), (name, body)
-    named = {each["name"]: each for each in yaml.safe_load(wall.read_text(encoding="utf-8"))["holds"]}
-    cube = min(named.values(), key=lambda each: float(np.linalg.norm(np.subtract(each["position_m"], PLACES["cube"]))))
+    assert yaml.safe_load(wall.read_text(encoding="utf-8"))["version"] == (2 if tilt_deg > 28 else 1)
+    holds = [each for each in found if each["hold"]]
+    cube, frustum = (
+        min(holds, key=lambda each: float(np.linalg.norm(np.subtract(each["position_m"], PLACES[name]))))
+        for name in ("cube", "leaning")
+    )
+    written = {each["name"]: each for each in yaml.safe_load(wall.read_text(encoding="utf-8"))["holds"]}
     assert cube["size_m"] == pytest.approx([0.06, 0.06, 0.06], abs=1e-3)
     assert (cube["yaw_deg"] - 20.0 + 1.0) % 90.0 == pytest.approx(1.0, abs=0.3)
-    assert cube["friction"] == {"+x": 2.2, "-x": 2.2, "+y": 2.2, "-y": 2.2, "top": 0.0}
+    assert written[cube["name"]]["friction"] == {"+x": 2.2, "-x": 2.2, "+y": 2.2, "-y": 2.2, "top": 0.0}
     if tilt_deg > 28:
-        at = PLACES["leaning"]
-        frustum = min(named.values(), key=lambda each: float(np.linalg.norm(np.subtract(each["position_m"], at))))
-        left = float(np.tan(np.arctan(2.2) - np.radians(28.0)))
-        assert frustum["friction"]["+x"] == pytest.approx(left, abs=0.03)
+        shape = written[frustum["name"]]["shape"]
+        foot_m = 0.09 - 0.01 * np.tan(np.radians(28.0))  # it is sunk by 5 mm
+        assert shape["box_m"][:2] == pytest.approx([foot_m, foot_m], abs=2e-3)
+        assert shape["lean_deg"] == pytest.approx(dict.fromkeys(("+x", "-x", "+y", "-y"), 28.0), abs=1.0)
+        assert written[frustum["name"]]["friction"]["+x"] == pytest.approx(2.2, abs=0.1)
 
 
 def test_a_wall_without_a_pair_of_faces_is_all_obstacles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -197,11 +197,10 @@ def _contacts(
             if faces.width_m < 2 * contact.patch_radius_m:
                 unusable[index, pair] = f"its faces are narrower than the patch, {2 * contact.patch_radius_m:g} m"
                 continue
-            if half < shape.smallest_opening or faces.foot_half_m + shape.pad_radius > shape.largest_opening:
+            if half < shape.smallest_opening or half + shape.pad_radius > shape.largest_opening:
                 slack = shape.largest_opening - shape.pad_radius
                 spans = f"{2 * shape.smallest_opening:g}..{2 * slack:g} m"
-                wide = half if half < shape.smallest_opening else faces.foot_half_m
-                unusable[index, pair] = f"it is {2 * wide:g} m wide, the gripper takes {spans}"
+                unusable[index, pair] = f"it is {2 * half:g} m wide, the gripper takes {spans}"
                 continue
             if (steep := too_steep(hold, pair)) is not None:
                 unusable[index, pair] = steep
@@ -219,7 +218,7 @@ def _contacts(
                 centre = middle + side * np.array([-axis[1], axis[0], 0.0])
                 opening = None
                 for clearance in (limits.clearance_m, min(limits.clearance_m, TIGHT_CLEARANCE_M)):
-                    given = (centre, axis, index, half, cuboids, shape, clearance, faces.foot_half_m)
+                    given = (centre, axis, index, half, cuboids, shape, clearance, faces.lean_rad)
                     opening = opening or opening_for(*given)
                 if opening is None:
                     continue

@@ -153,15 +153,17 @@ def opening_for(
     cuboids: Cuboids,
     shape: GripperShape,
     clearance_m: float,
-    foot_half_m: float = 0.0,
+    lean_rad: float = 0.0,
 ) -> float | None:
     """Opening with which a gripper may leave this grasp: as near to the preferred one as its neighbours allow.
 
     The middle of each finger keeps `clearance_m` to every other cuboid on its whole way from closed to open; to the
-    hold itself, whose foot may be wider (`foot_half_m`), it keeps as much once open. None where the neighbours leave no
+    hold itself, the steeper face of which may lean, it keeps as much once open. None where the neighbours leave no
     such opening.
     """
-    smallest = max(max(half_m, foot_half_m) + clearance_m - shape.pad_radius, shape.smallest_opening)
+    beyond = clearance_m - shape.pad_radius
+    leaning = half_m + beyond / np.cos(lean_rad) if lean_rad else 0.0
+    smallest = max(half_m + clearance_m - shape.pad_radius, leaning, shape.smallest_opening)
     others = np.arange(len(cuboids.yaw_rad)) != hold
     best = None
     for opening in np.linspace(smallest, shape.largest_opening, 9):

@@ -23,7 +23,7 @@ class Faces:
 
     height_m: float
     half_m: float  # of the way between the pads
-    foot_half_m: float  # the same of the foot, from the gripper's middle
+    lean_rad: float  # of the one that leans more
     width_m: float  # of the narrower face, where the patch ends
     off_m: float  # of the gripper's middle from the hold's, along the axis
     aside_m: float  # and across it
@@ -41,7 +41,7 @@ class Faces:
         patch_end = height + max(patch_radius_m * np.cos(lean) - radius * np.sin(lean) for lean in mine)
         ends = [size[1 - pair] / 2 - patch_end * np.tan(lean) for lean in others]
         half, off = (out[0] + out[1]) / 2, (out[0] - out[1]) / 2
-        return cls(height, half, size[pair] / 2 + abs(off), sum(ends), off, (ends[0] - ends[1]) / 2 * (1 - 2 * pair))
+        return cls(height, half, max(mine), sum(ends), off, (ends[0] - ends[1]) / 2 * (1 - 2 * pair))
 
 
 def pad_height(

@@ -1,8 +1,10 @@
-"""Bodies on a wall as cuboids: holds where places on them allow it, else obstacles that nothing may touch."""
+"""Bodies on a wall as cuboids: holds where places on them allow it, else obstacles that nothing may touch. The faces of
+a hold lean in as the surface does.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -17,6 +19,9 @@ SAME_YAW_RAD, SAME_WIDTH_M, SAME_LINE_M = np.radians(8.0), 0.004, 0.003
 PAD_HEIGHT_M = 0.001  # of the pads in a plan from where the body was looked at
 APART_M = 1e-3  # between cuboids, more than rounding moves them
 COVERED_M = 0.006  # beside cuboids that is not covered: plans keep fingers farther off them
+LEANS_RAD = np.radians(5.0)  # faces that lean less are upright
+LEAST_TOP_M = 0.006
+STEEP = "its faces lean so much that its top is too small, or too low for the pads"
 LEAST_M, LEAST_POINTS = 0.012, 4  # of obstacles, smaller ones are specks
 BEYOND_M = 0.008  # what reaches so far out of a hold's cuboid, at the pads' height or over it, is an obstacle
 CUBOID = "its grips are of no cuboid: the pads' height in a plan is not where they are"
@@ -24,8 +29,9 @@ CUBOID = "its grips are of no cuboid: the pads' height in a plan is not where th
 
 @dataclass(frozen=True)
 class Box:
-    """A cuboid on the wall: middle of its foot (2,), sizes (3,) [m], yaw. `faces` says which pairs can be gripped, and
-    `tilt_rad` how much the worse face of each leans.
+    """A cuboid on the wall: middle of its foot (2,), sizes (3,) [m], yaw. `faces` says which pairs can be gripped,
+    `tilt_rad` how far the worse face of each is off the gripper's axis. `lean_rad` is how much the side faces lean in
+    (+x, -x, +y, -y), `aside_rad` what the worse face of each pair is off the axis besides.
     """
 
     name: str
@@ -35,6 +41,8 @@ class Box:
     faces: tuple[bool, bool]
     tilt_rad: tuple[float, float]
     reason: str  # why it cannot be gripped
+    lean_rad: tuple[float, float, float, float] = (0.0,) * 4
+    aside_rad: tuple[float, float] | None = None  # as `tilt_rad`, where no face leans
 
     @property
     def is_hold(self) -> bool:
@@ -51,7 +59,8 @@ def boxes(surface: Surface, of: Indices, places: Places, reason: Indices, robot:
     np.maximum.at(merit, places.body, places.merit)
     for body in np.flatnonzero(merit > 0.0)[np.argsort(-merit[merit > 0.0], kind="stable")]:
         hold = _hold(f"hold-{body + 1}", surface.samples.points[of == body], places.of(places.body == body), robot)
-        if hold is None:
+        if isinstance(hold, str):
+            why[body] = hold
             continue
         other = next((each.name for each in found if _overlap(hold, each)), None)
         if other is None:
@@ -130,22 +139,27 @@ def _overlap(a: Box, b: Box) -> bool:
     return overlap_m(one, other) > -APART_M
 
 
-def _hold(name: str, points: Array, places: Places, robot: Robot) -> Box | None:
-    """The cuboid about the best place, and the places in line with it; None where no cuboid puts the pads there."""
+def _hold(name: str, points: Array, places: Places, robot: Robot) -> Box | str:
+    """The cuboid about the best place, and the places in line with it; why not, where no cuboid puts the pads there."""
     best = int(places.merit.argmax())
     yaw, radius = float(places.yaw_rad[best]), robot.gripper.pad_radius_m
     x, y = _along(yaw, places.middle[:, :2] - places.middle[best, :2])
     turned = np.abs((places.yaw_rad - yaw + np.pi / 2.0) % np.pi - np.pi / 2.0)
     same = turned < SAME_YAW_RAD
     same &= (np.abs(places.width_m - places.width_m[best]) < SAME_WIDTH_M) & (np.abs(x) < SAME_LINE_M)
-    low, high = places.middle[same, 2].min(), places.middle[same, 2].max()
+    lean = _leans(places, best)
+    over, rim = radius * float(np.sin(max(lean))), radius * float((np.cos(lean) - np.sin(lean)).max())
+    low, high = (
+        places.middle[same, 2].min() + over,
+        places.middle[same, 2].max() + over,
+    )  # of pads, over where they touch
     allowed = robot.grasp.pad_height_m
     pads = float(np.clip(sum(allowed) / 2.0, low, high))
     top = float(points[:, 2].max())
-    height = max(top, pads + radius) if pads >= sum(allowed) / 2.0 - PAD_HEIGHT_M else pads + radius
-    planned = max(min(sum(allowed) / 2.0, height - radius), allowed[0], height - robot.gripper.finger_height_m)
+    height = max(top, pads + rim) if pads >= sum(allowed) / 2.0 - PAD_HEIGHT_M else pads + rim
+    planned = max(min(sum(allowed) / 2.0, height - rim), allowed[0], height - robot.gripper.finger_height_m)
     if not low - PAD_HEIGHT_M <= planned <= min(high + PAD_HEIGHT_M, allowed[1]):
-        return None
+        return CUBOID
     width, tilt, across = float(places.width_m[best]), float(places.tilt_rad[best].max()), 0.0
     beside, body = _along(yaw, points[:, :2] - places.middle[best, :2])
     body = body[np.abs(beside) < width / 2.0 + SAME_WIDTH_M]
@@ -156,8 +170,40 @@ def _hold(name: str, points: Array, places: Places, robot: Robot) -> Box | None:
         length, across = float(places.width_m[second]), float(places.tilt_rad[second].max())
         ends = y[second] - length / 2.0, y[second] + length / 2.0
     centre = places.middle[best, :2] + sum(ends) / 2.0 * np.array([-np.sin(yaw), np.cos(yaw)])
+    aside = float(places.aside_rad[best].max()), 0.0
+    leans = (*lean, 0.0, 0.0)
     size = np.array([width, ends[1] - ends[0], height])
-    return Box(name, centre, size, yaw, (True, len(crossed) > 0), (tilt, across), "")
+    if len(crossed):
+        flipped = np.cos(places.yaw_rad[second] - yaw - np.pi / 2.0) < 0.0
+        ahead, behind = _leans(places, int(second))
+        leans = (*lean, behind, ahead) if flipped else (*lean, ahead, behind)
+        aside = aside[0], float(places.aside_rad[second].max())
+    upright = Box(name, centre, size, yaw, (True, len(crossed) > 0), (tilt, across), "")
+    if not any(leans):
+        return upright
+    touched_m = pads - over, float(places.middle[second, 2]) if len(crossed) else 0.0
+    leaning = _leaned(replace(upright, lean_rad=leans, aside_rad=aside), touched_m)
+    lowest = min(leaning.size_m[2] - rim, pads)
+    return leaning if lowest >= max(low - PAD_HEIGHT_M, allowed[0]) else STEEP
+
+
+def _leaned(box: Box, touched_m: tuple[float, float]) -> Box:
+    """A box that is as wide as it says where pads touch the two pairs of faces, at heights `touched_m`: its foot is
+    larger, and it ends where its top gets too small.
+    """
+    slope = np.tan(box.lean_rad).reshape(2, 2)
+    out = slope * np.array(touched_m)[:, None]
+    along = np.array([[np.cos(box.yaw_rad), np.sin(box.yaw_rad)], [-np.sin(box.yaw_rad), np.cos(box.yaw_rad)]])
+    foot = box.size_m[:2] + out.sum(axis=1)
+    highest = (foot - LEAST_TOP_M) / np.maximum(slope.sum(axis=1), 1e-9)
+    size = np.array([*foot, min(box.size_m[2], *highest)])
+    return replace(box, position_m=box.position_m + (out[:, 0] - out[:, 1]) / 2.0 @ along, size_m=size)
+
+
+def _leans(places: Places, which: int) -> tuple[float, float]:
+    """How much the faces of a place lean in, of that at the axis's end first; 0 where that is little."""
+    first, second = (float(each) if each > LEANS_RAD else 0.0 for each in places.lean_rad[which])
+    return first, second
 
 
 def _beyond(hold: Box, points: Array, robot: Robot) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ import yaml
 from crux_contracts.output_file import write_whole
 from crux_contracts.robot import Robot, load_robot
 from crux_contracts.scenario import ScenarioError
-from crux_contracts.scenario_types import MAX_CUBOIDS
+from crux_contracts.scenario_bodies import SIDE_FACES
+from crux_contracts.scenario_types import MAX_CUBOIDS, Wall
 from crux_tools.errors import UsageError
 from crux_tools.output import progress
 
@@ -117,8 +118,7 @@ def _with_friction(found: list[Box], friction: float) -> list[Box]:
         pairs = zip(box.faces, box.tilt_rad, strict=True)
         first, second = (can and tilted(friction, tilt) > 0.0 for can, tilt in pairs)
         lost = box.is_hold and not (first or second)
-        kept.append(Box(box.name, box.position_m, box.size_m, box.yaw_rad, (first, second), box.tilt_rad,
-                        SLIPPERY if lost else box.reason))  # fmt: skip
+        kept.append(replace(box, faces=(first, second), reason=SLIPPERY if lost else box.reason))
     return kept
 
 
@@ -131,14 +131,19 @@ def _document(scan: Path, robot: Robot, found: list[Box], slope_deg: float, opti
         "spine_shear_N": 5,
         "spine_twist_Nm": 0.05,
     }
+    version = 2 if any(any(box.lean_rad) for box in found if box.is_hold) else 1
+    head = {"version": version, "name": scan.stem, "robot": options.robot}
+    wall: dict[str, Any] = {"wall": {"slope_deg": round(slope_deg, 1)}}
+    if version == 2:
+        plane = {"point_m": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
+        gravity = _rounded(np.array(Wall(round(slope_deg, 1)).gravity_w_m_s2))
+        wall = {"gravity_m_s2": gravity, "surfaces": [{"name": "wall", "plane": plane}]}
     return {
-        "version": 1,
-        "name": scan.stem,
-        "robot": options.robot,
-        "wall": {"slope_deg": round(slope_deg, 1)},
+        **head,
+        **wall,
         "contact": contact,
-        "holds": [_hold(box, options.friction) for box in found if box.is_hold],
-        "obstacles": [_cuboid(box) for box in found if not box.is_hold],
+        "holds": [_hold(box, options.friction, version) for box in found if box.is_hold],
+        "obstacles": [_cuboid(box, version) for box in found if not box.is_hold],
         "horizon": HORIZON,
     }
 
@@ -178,22 +183,25 @@ def _said(scan: Path, robot: Robot, chosen: tuple[Stance, Stance] | str, wall: P
     return "\n".join(said) + "\n"
 
 
-def _cuboid(box: Box) -> dict[str, Any]:
-    return {
-        "name": box.name,
-        "position_m": _rounded(box.position_m),
-        "size_m": _rounded(box.size_m),
-        "yaw_deg": round(float(np.degrees(box.yaw_rad)), 2),
-    }
+def _cuboid(box: Box, version: int) -> dict[str, Any]:
+    place, size, yaw_deg = _rounded(box.position_m), _rounded(box.size_m), round(float(np.degrees(box.yaw_rad)), 2)
+    if version == 1:
+        return {"name": box.name, "position_m": place, "size_m": size, "yaw_deg": yaw_deg}
+    shape: dict[str, Any] = {"box_m": size}
+    if any(box.lean_rad):
+        degrees = zip(SIDE_FACES, np.degrees(box.lean_rad), strict=True)
+        shape["lean_deg"] = {face: round(float(lean), 1) for face, lean in degrees if lean}
+    return {"name": box.name, "pose": {"position_m": [*place, 0.0], "rpy_deg": [0.0, 0.0, yaw_deg]}, "shape": shape}
 
 
-def _hold(box: Box, friction: float) -> dict[str, Any]:
+def _hold(box: Box, friction: float, version: int) -> dict[str, Any]:
     """A face that no gripper can take has neither friction nor spines."""
     by_face: dict[str, float] = {}
-    for axis, can, tilt in zip("xy", box.faces, box.tilt_rad, strict=True):
+    off_axis = box.tilt_rad if box.aside_rad is None else box.aside_rad
+    for axis, can, tilt in zip("xy", box.faces, off_axis, strict=True):
         by_face |= dict.fromkeys((f"+{axis}", f"-{axis}"), round(tilted(friction, tilt), 3) if can else 0.0)
     spines = {face: by_face[face] > 0.0 for face in by_face} | {"top": False}
-    return {**_cuboid(box), "friction": by_face | {"top": 0.0}, "spines": spines}
+    return {**_cuboid(box, version), "friction": by_face | {"top": 0.0}, "spines": spines}
 
 
 def _rounded(values: Array) -> list[float]:

@@ -55,14 +55,17 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Of m places: the middle (m, 3) [m], yaw of the axis in [0, pi), width [m], tilt of both patches (m, 2) [rad],
-    share of the pads that bears (m, 2), and the body (m,).
+    """Of m places: the middle (m, 3) [m], yaw of the axis in [0, pi), width [m], tilt of both patches (m, 2) [rad], how
+    much of it leans off the wall, and aside, of the patch at the axis's end first, share of the pads that bears (m, 2),
+    and the body (m,).
     """
 
     middle: Array
     yaw_rad: Array
     width_m: Array
     tilt_rad: Array
+    lean_rad: Array
+    aside_rad: Array
     coverage: Array
     body: Indices
 
@@ -75,8 +78,7 @@ class Places:
         return np.asarray(self.coverage.min(axis=1) * np.cos(self.tilt_rad).prod(axis=1))
 
     def of(self, which: Flags | Indices) -> Places:
-        pair = self.tilt_rad[which], self.coverage[which]
-        return Places(self.middle[which], self.yaw_rad[which], self.width_m[which], *pair, self.body[which])
+        return Places(**{name: each[which] for name, each in vars(self).items() if name != "merit"})
 
 
 def bodies(surface: Surface) -> Indices:
@@ -176,7 +178,12 @@ def _fitted(surface: Surface, pairs: Array, body: Indices, robot: Robot, limits:
         np.maximum.at(reason, body[alive & fails], stage)
         alive &= ~fails
     yaw = np.arctan2(flat[:, 1], flat[:, 0]) % np.pi
-    return Places(middle, yaw, width, tilt, coverage, body).of(alive)
+    ahead = np.einsum("ni,ni->n", flat[:, :2], np.column_stack([np.cos(yaw), np.sin(yaw)])) > 0.0
+    normals = np.stack([one.normal, two.normal], axis=1)
+    lean = np.arcsin(np.clip(normals[..., 2], -1.0, 1.0))
+    aside = np.arccos(np.clip(cosine / np.maximum(np.cos(lean), 1e-9), -1.0, 1.0))
+    lean, aside = (np.where(ahead[:, None], each, each[:, ::-1]) for each in (lean, aside))
+    return Places(middle, yaw, width, tilt, lean, aside, coverage, body).of(alive)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
+from crux_contracts.scenario import Hold
 from crux_planner.checker.geometry import rotation_about_z
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
+from crux_planner.model.faces import Faces
 from crux_tools.robot.stance import limb_reach
 
 from crux_simulation.wall.boxes import Box
@@ -92,13 +94,26 @@ def _grips(holds: list[Box], robot: Robot) -> list[Grip]:
     low, high = robot.grasp.gripper_yaw_rad
     found: list[Grip] = []
     for hold in holds:
-        pads = min(sum(robot.grasp.pad_height_m) / 2.0, float(hold.size_m[2]) - robot.gripper.pad_radius_m)
         for faces, turn, can in (("x", 0.0, hold.faces[0]), ("y", np.pi / 2.0, hold.faces[1])):
+            place = _place(hold, "xy".index(faces), robot) if can else None
             for half in (-np.pi, 0.0, np.pi):
                 yaw = hold.yaw_rad + turn + half
-                if can and low <= yaw <= high:
-                    found.append((hold.name, faces, np.array([*hold.position_m, pads]), yaw))
+                if place is not None and low <= yaw <= high:
+                    found.append((hold.name, faces, place, yaw))
     return found
+
+
+def _place(hold: Box, pair: int, robot: Robot) -> Array | None:
+    """Where a gripper's middle is on a pair of faces, as the planner has it."""
+    lean_deg = tuple(np.degrees(hold.lean_rad).tolist())
+    size = (float(hold.size_m[0]), float(hold.size_m[1]), float(hold.size_m[2]))
+    as_hold = Hold(name=hold.name, position_m=(0.0, 0.0), size_m=size, lean_deg=lean_deg)
+    faces = Faces.of(as_hold, pair, robot, robot.gripper.pad_radius_m, robot.gripper.finger_height_m)
+    if faces is None:
+        return None
+    yaw = hold.yaw_rad + pair * np.pi / 2.0
+    off = faces.off_m * np.array([np.cos(yaw), np.sin(yaw)]) + faces.aside_m * np.array([-np.sin(yaw), np.cos(yaw)])
+    return np.array([*(hold.position_m + off), faces.height_m])
 
 
 def _best(body: Array, off_m: Array, grips: list[Grip]) -> Stance | None:
