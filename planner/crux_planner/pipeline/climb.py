@@ -3,8 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from crux_planner.certificates.bound.bound_worker import AIM, PATIENCE_S, ClimbBoundWorker, gap
-from crux_planner.certificates.bound.climb import EFFORT, lower_bound
+from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.checker import check_plan
 from crux_planner.errors import HorizonError, InfeasibleError, wrong
 from crux_planner.model.build import build_problem
@@ -73,6 +72,8 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     tried, none_level = Tried(), None
     if (quick := plan_by_map(climb, tried, quick=True)) is not None:
         return _with_gap(climb, *quick)
+    if climb.work.bound is not None and climb.session.wants_gap:
+        climb.work.bound.get_ready()
     if tried.far:
         found = _level_or_none(climb, True)
         if isinstance(found, PlanResult):
@@ -205,14 +206,11 @@ def _with_gap(climb: Climb, plan: PlanResult, planned: Problem | None = None) ->
     """The plan, and how far above a proven lower bound its cost is, where one is worked out; of the `planned` problem,
     where that has grasps that the climb's has not.
     """
-    if (bound := climb.work.bound) is None:
+    if (bound := climb.work.bound) is None or not climb.session.wants_gap:
         return plan
     with climb.work.part("bound", 0.95):
         if planned is not None and len(planned.contacts) > len(climb.problem.contacts):
-            bound.stop()
-            wide = replace(planned, steps=plan.steps)
-            plan.gap = gap(plan.cost, lower_bound(wide, (1.0 - AIM) * plan.cost, PATIENCE_S, effort=EFFORT))
+            plan.gap = bound.gap_here(replace(planned, steps=plan.steps), plan.cost)
         else:
-            bound.start_with(plan.steps, plan.cost)  # unless it is about so many already
-            plan.gap = bound.gap(plan.cost)
+            plan.gap = bound.gap_of(plan.steps, plan.cost)
     return plan

@@ -47,7 +47,8 @@ def plan(
     session = Session(scenario, robot, work, deadline, limit_s, method)
     walks = scenario.contact.model == "point"
     modules = ["certificates.bound.walk", "pipeline.walk_contacts"] if walks else ["certificates.bound.climb"]
-    with Worker(*(f"crux_planner.{each}" for each in modules), log=session.work.log) as worker:  # begins meanwhile
+    names = [f"crux_planner.{each}" for each in modules]
+    with Worker(*names, log=session.work.log, at_once=walks) as worker:  # a climb's begins where the map finds no way
         if walks:
             from crux_planner.pipeline import walk
 

@@ -72,6 +72,11 @@ class Session:
     method: str
 
     @property
+    def wants_gap(self) -> bool:
+        """Whether the plan is to say how near it is to the least J: another pace than the paper's costs more J."""
+        return self.scenario.planner.objective == "paper"
+
+    @property
     def late(self) -> bool:
         """Whether the time is over."""
         return clock.now() > self.deadline

@@ -259,7 +259,7 @@ def finish(
 
 def _finish_as_it_is(climb: Climb, schedule: Schedule, start: Start, cuts: int) -> PlanResult | InfeasibleError:
     problem, session, work = climb.problem, climb.session, climb.work
-    if work.bound is not None:
+    if work.bound is not None and session.wants_gap:
         work.bound.start_with(problem.steps, plan_cost(problem, schedule, start.body, start.wrenches))
     functions, refused = StageFunctions(problem), None
     for _ in range(1 + cuts):

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy import ndimage
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.reach import between
@@ -125,7 +126,27 @@ def stance(masks: Sequence[Flags]) -> Flags:
 def parts(mask: Flags) -> tuple[Indices, int]:
     """Connected parts of a set of poses: for every cell the number of its part, 0 outside; and how many there are.
 
-    Cells next to each other along one axis are connected.
+    Cells next to each other along one axis are connected. Parts are numbered in the order of their first cells.
     """
-    labels, count = ndimage.label(mask.squeeze())  # every axis costs time
-    return np.asarray(labels, dtype=int).reshape(mask.shape), int(count)
+    cells = mask.squeeze()  # every axis costs time
+    inside = np.flatnonzero(cells)
+    numbers = np.zeros(cells.shape, dtype=int)
+    numbers.reshape(-1)[inside] = np.arange(len(inside))
+    pairs = []
+    for axis in range(cells.ndim):
+        along, along_cells = np.moveaxis(numbers, axis, 0), np.moveaxis(cells, axis, 0)
+        both = along_cells[:-1] & along_cells[1:]
+        pairs.append((along[:-1][both], along[1:][both]))
+    first, second = (np.concatenate(each) for each in zip(*pairs, strict=True)) if pairs else (inside[:0],) * 2
+    edges = coo_matrix((np.ones(len(first), dtype=bool), (first, second)), (len(inside), len(inside)))
+    count, labels = connected_components(edges, directed=False)
+    numbers.reshape(-1)[inside] = _by_first(labels)
+    return numbers.reshape(mask.shape), int(count)
+
+
+def _by_first(labels: Indices) -> Indices:
+    """Labels counted from 1 on in the order in which they come first."""
+    values, first = np.unique(labels, return_index=True)
+    rank = np.empty(len(values), dtype=int)
+    rank[np.argsort(first)] = np.arange(1, len(values) + 1)
+    return rank[labels]

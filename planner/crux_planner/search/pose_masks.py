@@ -11,7 +11,6 @@ from functools import cached_property
 
 import numpy as np
 from crux_contracts.robot import Robot
-from scipy.spatial import ConvexHull, QhullError
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.kinematics import rotation_z
@@ -25,6 +24,7 @@ from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.protocol import Reach as LimbMap
 from crux_planner.reach.solids import Links
 from crux_planner.search.torque_limits import TorqueLimits
+from crux_planner.solvers.hull import sides_of
 
 _DIRECTIONS = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)  # in which the farthest places in balance are looked for
 _FAR_M, _BEYOND_M = 2.0, 0.3  # off the grippers' middle, and the grid
@@ -285,9 +285,7 @@ class Footing:
             on = np.flatnonzero((along > 0.0) & (np.abs(off) <= 0.5))
             ends.append(farthest(cells[on[np.argsort(along[on])]])[4:])
         places = np.stack(np.meshgrid(*map(np.arange, self.grid.shape[4:]), indexing="ij"), axis=-1)
-        try:
-            sides = ConvexHull(np.array(ends)).equations
-        except QhullError:  # next to no area
+        if (sides := sides_of(np.array(ends, dtype=float))) is None:
             return np.asarray((places == begun[4:]).all(axis=-1))
         return np.asarray((places @ sides[:, :2].T + sides[:, 2] <= 1e-6).all(axis=-1))
 
@@ -313,7 +311,4 @@ class Footing:
             if at is None:
                 return None
             points.append(at[:2])
-        try:
-            return np.asarray(ConvexHull(np.array(points)).equations)
-        except QhullError:  # next to no area
-            return None
+        return sides_of(np.array(points))

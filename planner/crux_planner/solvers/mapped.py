@@ -1,11 +1,22 @@
 """casadi's functions at many places at once, between numpy's arrays without a copy."""
 
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from crux_planner.model import kept
 from crux_planner.model.arrays import Array
+
+_MOST = 40  # functions kept, of a megabyte each
+_PACKAGE = Path(__file__).resolve().parents[1]
+_MADE_BY = ("model", "physics", "reach", "solvers", "trajectory")  # folders of what functions are made of
 
 
 class Mapped:
@@ -15,7 +26,25 @@ class Mapped:
 
     def __init__(self, name: str, arguments: list[Any], outputs: Any) -> None:
         dense = [ca.densify(output) for output in outputs]
-        self.function = function = ca.Function(name, arguments, dense, {"cse": True})
+        self._take(ca.Function(name, arguments, dense, {"cse": True}))
+
+    @classmethod
+    def kept(cls, given: object, make: Callable[[], Mapped]) -> Mapped:
+        """What `make` returns, from this computer's cache where it was made before by the same program of the same
+        `given`, as its repr has it. Making a function takes five times as long as reading it.
+        """
+
+        def written() -> dict[str, Any]:
+            return {"function": np.frombuffer(make().function.serialize().encode("latin-1"), dtype=np.uint8)}
+
+        what = ca.CasadiMeta.version(), _source(), given
+        found = kept.arrays((), what, written, below="functions", most=_MOST)["function"]
+        mapped = cls.__new__(cls)
+        mapped._take(ca.Function.deserialize(found.tobytes().decode("latin-1")))
+        return mapped
+
+    def _take(self, function: ca.Function) -> None:
+        self.function = function
         self._shapes = [function.size_out(i) for i in range(function.n_out())]
         self._at: dict[int, tuple[Any, Any]] = {}  # by number of places
 
@@ -33,3 +62,10 @@ class Mapped:
             buffer.set_res(i, values.data)
         run()
         return tuple(v[:, 0] if v.shape[1] == 1 else v.swapaxes(1, 2) for v in found)
+
+
+@cache
+def _source() -> str:
+    """Digest of all that functions may be made by."""
+    files = sorted(file for folder in _MADE_BY for file in (_PACKAGE / folder).glob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()

@@ -32,17 +32,20 @@ class WorkerLostError(Exception):
 
 
 class Worker:
-    """One such process, which imports `modules` to begin with; `log` reports it if it is lost."""
+    """One such process, which imports `modules` to begin with; `log` reports it if it is lost. It starts in `with`, or
+    where not `at_once`, when it is asked for something.
+    """
 
-    def __init__(self, *modules: str, log: Log = lambda _line: None) -> None:
-        self._modules, self._log = modules, log
+    def __init__(self, *modules: str, log: Log = lambda _line: None, at_once: bool = True) -> None:
+        self._modules, self._log, self._at_once = modules, log, at_once
         self._link: Connection | None = None
         self.process: subprocess.Popen[bytes] | None = None
         self.waiting = 0  # calls begun whose results are not received yet
         self.lost = False  # it is not started again
 
     def __enter__(self) -> Worker:
-        self.start()
+        if self._at_once:
+            self.start()
         return self
 
     def __exit__(self, *error: object) -> None:

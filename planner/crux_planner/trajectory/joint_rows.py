@@ -72,6 +72,11 @@ class JointFunctions(StageFunctions):
         """Joints' rows and the ends' places, one after the other, with derivatives, at (n, 12), hands (n, 16) and
         multipliers.
         """
+        masses = [each.numbers for each in self.problem.limb_masses]
+        given = [reach.limb for reach in self.reaches], self.ends.of_limb, masses
+        return Mapped.kept(("joints", given), self._make_placed)
+
+    def _make_placed(self) -> Mapped:
         x, hands = ca.SX.sym("x", BODY_STATES), ca.SX.sym("hands", self.hand_numbers)
         joints, places, numbers = [], [], self.limb_numbers(hands)
         for i, reach in enumerate(self.reaches):

@@ -299,6 +299,10 @@ def _next_poses(dt_s: float) -> Mapped:
 
 @lru_cache(_WALLS)
 def _torques(given: _TorqueGiven) -> Mapped:
+    return Mapped.kept(("torques", given), lambda: _make_torques(given))
+
+
+def _make_torques(given: _TorqueGiven) -> Mapped:
     values = _torque_values(given).function
     x, q, *_ = arguments = values.sx_in()
     torques = values(*arguments)
@@ -307,6 +311,10 @@ def _torques(given: _TorqueGiven) -> Mapped:
 
 @lru_cache(_WALLS)
 def _torque_curvature(given: _TorqueGiven) -> Mapped:
+    return Mapped.kept(("torque curvature", given), lambda: _make_torque_curvature(given))
+
+
+def _make_torque_curvature(given: _TorqueGiven) -> Mapped:
     """Hessian (n, 11, 11) of multipliers (n, S) times the torques of limbs at body poses (n, 6)."""
     scale, gravity_h, _, slots, grasp_numbers = given
     count = Layout(slots).chain + Layout(slots).seed if slots else NUMBERS

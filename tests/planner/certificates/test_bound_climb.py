@@ -204,6 +204,18 @@ def test_beside_says_what_is_proven_so_far() -> None:
         assert beside.gap(5.0) is None
 
 
+def test_what_is_not_begun_is_worked_out_here() -> None:
+    problem = scene(20, goal_m=0.0).problem
+    with Worker(at_once=False) as worker:
+        beside = ClimbBoundWorker(worker, problem)
+        here = beside.gap_of(20, 5.0)
+        assert worker.pid is None
+        beside.get_ready()
+        assert beside.gap_of(20, 5.0) == here
+        assert worker.pid is not None
+    assert here is not None
+
+
 def test_a_gap_is_a_share_of_the_cost_or_nothing() -> None:
     assert gap(10.0, 9.0) == pytest.approx(0.1)
     assert gap(10.0, None) is None

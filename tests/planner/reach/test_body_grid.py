@@ -12,6 +12,7 @@ from crux_planner.reach.arm import LEAST_RADIUS_M, MARGIN_RAD, ArmReach, reaches
 from crux_planner.reach.body_grid import BodyGrid, parts, stance
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 
 @pytest.fixture(scope="module")
@@ -109,3 +110,13 @@ def test_a_stance_is_an_intersection_and_falls_into_connected_parts() -> None:
     corner = np.zeros((1, 1, 1, 1, 2, 2), dtype=bool)
     corner[..., 0, 0] = corner[..., 1, 1] = True
     assert parts(corner)[1] == 2
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_parts_are_those_of_an_image_labelled_in_their_order(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    mask = random.random(tuple(random.integers(1, [4, 3, 3, 6, 9, 9]).tolist())) < random.random()
+    labels, count = ndimage.label(mask)
+    numbers, found = parts(mask)
+    assert found == count
+    np.testing.assert_array_equal(numbers, labels)

@@ -19,6 +19,7 @@ import pytest
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import load_scenario
 from crux_planner.errors import InfeasibleError
+from crux_planner.pipeline import climb
 from crux_planner.solvers import worker
 from crux_planner.solvers.worker import Team, Worker, WorkerLostError
 from walls import one_move, scenario
@@ -124,6 +125,7 @@ def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
 
 def test_a_plan_goes_on_without_its_bound(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
+    monkeypatch.setattr(climb, "plan_by_map", lambda *_, **__: None)  # by which the bound has no process of its own
     said: list[str] = []
     result = crux_planner.plan(scenario(one_move()), robot, log=said.append)
     assert result.ok

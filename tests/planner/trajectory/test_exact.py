@@ -127,8 +127,9 @@ def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest
 
     monkeypatch.setattr(stage_functions, "centre_of_mass", straight)
     monkeypatch.setattr(dynamics, "euler_rates", lambda _theta, omega: omega)  # so is that of the next pose in torques
-    for name in ("_torque_values", "_torques"):  # made anew, of that pose
-        monkeypatch.setattr(stage_functions, name, cache(getattr(stage_functions, name).__wrapped__))
+    values = cache(stage_functions._torque_values.__wrapped__)  # made anew, of that pose
+    monkeypatch.setattr(stage_functions, "_torque_values", values)
+    monkeypatch.setattr(stage_functions, "_torques", cache(stage_functions._make_torques))
     stages, _ = stages_at_random(3)
     at, above, below = (
         stages.derivatives(

@@ -1,4 +1,6 @@
-"""The bound worked out by a worker, while the exact NLP and the check keep this process busy."""
+"""The bound worked out by a worker, while the exact NLP and the check keep this process busy; where nothing is begun
+when the plan is there, of a climb by this process: starting another one would take a third as long.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -59,13 +61,38 @@ class ClimbBoundWorker(BoundWorker):
         super().__init__(worker, PATIENCE_S if prove_s is None else prove_s)
         self._problem, self._prove_s = problem, prove_s
 
+    def get_ready(self) -> None:
+        """Start the worker's process, which imports what it needs meanwhile."""
+        self._worker.start()
+
     def start_with(self, steps: int, expected: float) -> None:
         """Begin, for plans of so many steps that cost about `expected`."""
-        from crux_planner.certificates.bound.climb import EFFORT, lower_bound  # which walks do without
+        from crux_planner.certificates.bound.climb import lower_bound  # which walks do without
 
-        problem, cost = replace(self._problem, steps=steps), (1.0 - AIM) * expected
-        limit_s, effort = (TIME_LIMIT_S, EFFORT) if self._prove_s is None else (self._prove_s, np.inf)
-        self.start(steps, lower_bound, problem, cost, limit_s, say, effort)
+        limit_s, effort = self._limits(TIME_LIMIT_S)
+        problem = replace(self._problem, steps=steps)
+        self.start(steps, lower_bound, problem, (1.0 - AIM) * expected, limit_s, say, effort)
+
+    def gap_of(self, steps: int, cost: float) -> float | None:
+        """The gap of a plan of so many steps; ends the work."""
+        if self._worker.pid is None:
+            return self.gap_here(replace(self._problem, steps=steps), cost)
+        self.start_with(steps, cost)  # unless it is about so many already
+        return self.gap(cost)
+
+    def gap_here(self, problem: Problem, cost: float) -> float | None:
+        """The gap of a plan of a problem, worked out by this process."""
+        from crux_planner.certificates.bound.climb import lower_bound
+
+        self.stop()
+        limit_s, effort = self._limits(PATIENCE_S)
+        return gap(cost, lower_bound(problem, (1.0 - AIM) * cost, limit_s, effort=effort))
+
+    def _limits(self, usual_s: float) -> tuple[float, float]:
+        """Time [s] and effort."""
+        from crux_planner.certificates.bound.climb import EFFORT
+
+        return (usual_s, EFFORT) if self._prove_s is None else (self._prove_s, np.inf)
 
 
 def gap(cost: float, bound: float | None) -> float | None:

@@ -19,7 +19,7 @@ Work is counted, not timed, so that the bound of a wall is the same number every
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -193,9 +193,9 @@ class _Search:
             if not new:
                 continue
             window, found = self.multipliers.window(others, range_at(self.problem, k, self.box)), True
-            for node in new[:_ROUND]:
+            for node, proposed in zip(new, self._proposed(np.array(new[:_ROUND]), window.box), strict=False):
                 self.known_at.add((k, node))
-                self._value_at(k, node, others, window)
+                self._value_at(k, proposed, others, window)
                 if self.limits.reached:
                     return True
         inner = [k for k in range(len(through)) if k not in outer]
@@ -207,7 +207,7 @@ class _Search:
         wanted = order[~self.known[order] & (least[order] <= self.cost)][:many]
         if not len(wanted):
             return True
-        proposed = np.array([self._proposed(int(node), self.box) for node in wanted])
+        proposed = np.array(list(self._proposed(wanted, self.box)))
         self.limits.spend(_QP_S * len(wanted))
         self.known[wanted] = True
         self._raise(wanted, self._values(proposed, wanted))
@@ -226,16 +226,17 @@ class _Search:
         for window in self.windows.values():
             window[which] = np.maximum(window[which], value)
 
-    def _value_at(self, knot: int, node: int, others: Indices, window: Window) -> None:
-        proposed = self._proposed(node, window.box)
+    def _value_at(self, knot: int, proposed: Array, others: Indices, window: Window) -> None:
         value = self.windows.setdefault(knot, self.value.copy())
         value[others] = np.maximum(value[others], self._values(proposed, others, window))
 
-    def _proposed(self, node: int, box: tuple[Array, Array]) -> Array:
+    def _proposed(self, which: Indices, box: tuple[Array, Array]) -> Iterator[Array]:
+        """(6,) of one node after the other, the body in a box."""
         nodes = self.nodes
-        level = (int(nodes.first[node]) + int(np.append(nodes.first, len(nodes.node))[node + 1])) // 2
-        rest = self.multipliers.masses.within(nodes, np.array([level]), box)[0, 0]
-        return self.qp.multipliers(nodes.held(node), box, rest)
+        level = (nodes.first[which] + np.append(nodes.first, len(nodes.node))[which + 1]) // 2
+        rests = self.multipliers.masses.within(nodes, level, box)[:, 0]
+        for node, rest in zip(which.tolist(), rests, strict=True):
+            yield self.qp.multipliers(nodes.held(node), box, rest)
 
 
 def _examples(problem: Problem, few: bool) -> list[dict[int, int]]:
