@@ -25,6 +25,7 @@ EPILOG = """examples:
   crux plan msgs/scenarios/climb-four-holds.yaml -o out/plan.mcap
   crux plan msgs/scenarios/walk-flat.yaml -o out/walk.mcap --method two_block --time-limit 30
   crux plan msgs/scenarios/climb-four-holds.yaml -o out/again.mcap --from out/plan.mcap --at 20
+  crux plan msgs/scenarios/climb-long.yaml -o out/route --stream
 
 exit status: 0 the plan is written, 1 there is none (the message says which constraint cannot be met,
 and where, or "undecided": time ran out first), 2 the scenario or the usage is wrong, 3 the plan is written,
@@ -66,6 +67,11 @@ def add_plan_parser(subparsers: Any) -> None:
     add("--at", type=_seconds, metavar="S", help="with --from: the first stance from then on (default: 0)")
     lost = "with --from: a hold that is lost (repeatable)"
     add("--without", action="append", default=[], metavar="HOLD", help=lost)
+    parts = (
+        "on climbs of any length: plan part after part of the way, from stance to stance, and write each as soon as "
+    )
+    parts += "it is checked: -o is a folder that takes 00000.mcap, 00001.mcap, ..."
+    add("--stream", action="store_true", help=parts)
     parser.add_argument("--json", action="store_true", help="print the result as one JSON object on standard output")
     parser.set_defaults(func=run_plan)
 
@@ -87,6 +93,8 @@ def run_plan(args: argparse.Namespace) -> int:
         scenario = load_scenario(args.scenario)
         robot = load_robot(scenario.robot)
         scenario = _at_pace(args, scenario)
+        if args.stream:
+            return _stream(args, scenario, robot)
         look_at_outputs({"-o": args.output, "--certificate": args.certificate}, (args.scenario, args.running))
         with _progress() as (report, log):
             if args.running is not None or scenario.start.air:
@@ -130,6 +138,34 @@ def run_plan(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({**result.to_json(), **written}))
     return NO_CERTIFICATE if args.certificate is not None and written["certified_bound"] is None else DONE
+
+
+def _stream(args: argparse.Namespace, scenario: Scenario, robot: Robot) -> int:
+    """Write the parts of a route into a folder. Raises as planning and writing do."""
+    from crux_contracts.output_file import OutputError, look_at_folder
+    from crux_contracts.plan_file import write_plan
+    from crux_contracts.plan_route import part_path
+
+    from crux_planner.pipeline.route import plan_route
+
+    look_at_folder("-o", args.output)
+    if part_path(args.output, 0).exists():
+        raise OutputError(f"-o {args.output}: has a route in it; name another folder")
+    limit = {} if args.time_limit is None else {"time_limit_s": args.time_limit}
+    parts = []
+    for number, result in enumerate(plan_route(scenario, robot, log=lambda line: say(line, to_errors=True), **limit)):
+        path = part_path(args.output, number)
+        write_plan(path, result.plan)
+        parts.append({"plan": str(path), "plan_id": result.plan.plan_id, **result.to_json()})
+        x, y, _ = result.plan.knots[-1].body_position_w_m
+        if not args.json:
+            say(
+                f"{path}: to ({x:.2f}, {y:.2f}) m, gait {' '.join(result.gait)}, {result.plan.knots[-1].time_s:.1f} s; "
+                f"computed for {result.computed_s:.2f} s"
+            )
+    if args.json:
+        print(json.dumps({"ok": True, "parts": parts}))
+    return DONE
 
 
 def _certify(path: Path, scenario: Scenario, robot: Robot, error: InfeasibleError) -> str:
@@ -198,8 +234,14 @@ def _positive(text: str) -> float:
 
 
 def _astray(args: argparse.Namespace) -> str:
-    """What is wrong with the options as a whole: those of planning again need --from, others do not go with it."""
-    if args.running is None:
+    """What is wrong with the options as a whole: those of planning again need --from, others go with neither it nor
+    --stream.
+    """
+    if args.stream:
+        given = {"--from": args.running, "--method": args.method, "--prove": args.prove}
+        given = {name: value is not None for name, value in {**given, "--certificate": args.certificate}.items()}
+        reason = "does not go with --stream"
+    elif args.running is None:
         given = {"--at": args.at is not None, "--without": bool(args.without)}
         reason = "is about a plan that runs: give it by --from PLAN.mcap"
     else:

@@ -115,7 +115,7 @@ def solve(
             x[:, at.tolist()],
             u[:WRENCH_INPUTS, here],
             grasps[:, here],
-            np.array([problem.limb_masses[limb].numbers for limb in limbs[here]]).T,
+            np.array([[*problem.limb_masses[limb].numbers, *problem.gravity_h] for limb in limbs[here]]).T,
         )
         rows.add(f.torques.map(len(at))(*given), low[4], high[4])
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from .reading import Checker, did_you_mean
 from .yaml_document import Node
 
 OVERLAP_TOLERANCE_M = 1e-6
+OFF_WAY_M = 20.0  # from the way between start and goal, along each axis
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,18 @@ def _footprint(node: Node) -> Footprint | None:
     return Footprint(name, node, position[0], position[1], size[0] / 2, size[1] / 2, math.radians(yaw))
 
 
+def check_places(check: Checker, keys: dict[str, Node]) -> None:
+    """Nothing stands far from the way between start and goal: what does is likely in another unit."""
+    ends = [_items(_members(_members(keys.get(part)).get("body")).get("position_m")) for part in ("start", "goal")]
+    cuboids = [*_items(keys.get("holds")), *_items(keys.get("obstacles"))]
+    places = [_members(each).get("position_m") for each in cuboids]
+    places += _members(_members(keys.get("start")).get("feet")).values()
+    for axis in (0, 1):
+        along = [check.number(end[axis], -math.inf, math.inf) for end in ends if len(end) == 3]
+        for place in places if along else ():
+            check.number(_items(place)[axis], min(along) - OFF_WAY_M, max(along) + OFF_WAY_M, "m")
+
+
 def check_cuboids(check: Checker, keys: dict[str, Node]) -> None:
     """Names are unique; nothing stands in something else."""
     nodes = [*_items(keys.get("holds")), *_items(keys.get("obstacles"))]
@@ -89,17 +103,29 @@ def check_cuboids(check: Checker, keys: dict[str, Node]) -> None:
             check.note(name, f"expected a name of its own; line {first_with[name.content].line} has it too")
         first_with.setdefault(name.content, name)
     footprints = [footprint for footprint in map(_footprint, nodes) if footprint is not None]
-    for index, b in enumerate(footprints):
-        for a in footprints[:index]:
-            depth = overlap_m(a, b)
-            if depth > OVERLAP_TOLERANCE_M:
-                place = f"[{b.x_m:g}, {b.y_m:g}]"
-                check.note_at(
-                    b.node,
-                    "pose.position_m" if "pose" in _members(b.node) else "position_m",
-                    place,
-                    f"{b.name} overlaps {a.name} ({a.node.key}, line {a.node.line}) by {depth:.3g} m; move them apart",
-                )
+    for second, first in sorted((j, i) for i, j in _near(footprints)):
+        a, b = footprints[first], footprints[second]
+        depth = overlap_m(a, b)
+        if depth > OVERLAP_TOLERANCE_M:
+            place = f"[{b.x_m:g}, {b.y_m:g}]"
+            check.note_at(
+                b.node,
+                "pose.position_m" if "pose" in _members(b.node) else "position_m",
+                place,
+                f"{b.name} overlaps {a.name} ({a.node.key}, line {a.node.line}) by {depth:.3g} m; move them apart",
+            )
+
+
+def _near(footprints: list[Footprint]) -> Iterator[tuple[int, int]]:
+    """Pairs whose extents along x meet, the earlier first."""
+    extents = [math.hypot(each.half_x_m, each.half_y_m) for each in footprints]
+    order = sorted(range(len(footprints)), key=lambda i: footprints[i].x_m - extents[i])
+    open_: list[int] = []
+    for i in order:
+        begin = footprints[i].x_m - extents[i]
+        open_ = [j for j in open_ if footprints[j].x_m + extents[j] >= begin]
+        yield from ((min(i, j), max(i, j)) for j in open_)
+        open_.append(i)
 
 
 def check_grasps(check: Checker, keys: dict[str, Node]) -> None:

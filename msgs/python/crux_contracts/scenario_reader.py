@@ -10,7 +10,7 @@ from .reading import did_you_mean
 from .records import Records, keys_of
 from .robot import robot_names
 from .scenario_bodies import as_first, keys_of_version
-from .scenario_checks import check_cuboids, check_grasps
+from .scenario_checks import check_cuboids, check_grasps, check_places
 from .scenario_types import (
     FACE_NAMES,
     MAX_BODY_HEIGHT_M,
@@ -64,7 +64,11 @@ class _Reader(Records):
         read = {name: self.value(keys[name], members[name]) for name in ordered}
         if "wall" not in keys:
             read = as_first(read, members, check)
-        for relations in (check_cuboids, check_grasps):  # a wrong value would bring forth more mistakes than were made
+        for relations in (
+            check_places,
+            check_cuboids,
+            check_grasps,
+        ):  # a wrong value would bring forth more mistakes than were made
             if not check.problems:
                 relations(check, members)
         check.finish(ScenarioError)

@@ -39,7 +39,8 @@ def add_check_parser(subparsers: Any) -> None:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("plan", type=Path, metavar="FILE", help="a plan or certificate written by crux plan")
+    what = "a plan, the folder of a route, or a certificate, written by crux plan"
+    parser.add_argument("plan", type=Path, metavar="FILE", help=what)
     about = "of a certificate: the scenario that it must be about"
     parser.add_argument("--scenario", type=Path, metavar="SCENARIO", help=about)
     parser.add_argument("--json", action="store_true", help="print the report as one JSON object on standard output")
@@ -56,6 +57,8 @@ def run_check(args: argparse.Namespace) -> int:
     from crux_planner.checker.check import check_plan
 
     try:
+        if args.plan.is_dir():
+            return _check_route(args)
         if is_certificate(args.plan):
             return _check_certificate(args)
         plan = read_plan(args.plan)
@@ -75,6 +78,25 @@ def run_check(args: argparse.Namespace) -> int:
         title = f"{args.plan}: {plan.scenario_name!r} for {plan.robot_name}, {knots}"
         show(title, report, on_feet=is_walk(plan))
     return OK if report.ok else VIOLATED
+
+
+def _check_route(args: argparse.Namespace) -> int:
+    """Each part of a route, and that it begins where the one before ends. Raises PlanFileError, DocumentError."""
+    from crux_contracts.plan_route import read_route
+    from crux_contracts.robot import load_robot
+
+    from crux_planner.checker.check import check_plan
+
+    reports = []
+    for path, plan in read_route(args.plan):
+        report = check_plan(plan, load_robot(plan.robot_name))
+        reports.append({"plan": str(path), **report.to_json()})
+        if not args.json:
+            say(f"{path}: {plan.n_knots} knots in {plan.knots[-1].time_s:g} s: {report}")
+    ok = all(each["ok"] for each in reports)
+    if args.json:
+        print(json.dumps({"ok": ok, "parts": reports}))
+    return OK if ok else VIOLATED
 
 
 def _check_certificate(args: argparse.Namespace) -> int:

@@ -37,6 +37,7 @@ from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem
 from crux_planner.model.shapes import limb_radii_m
 from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leaning_m, limb_reach, tilt_for
 
+MOST_CUBOIDS, MOST_WAY_M = 300, 40.0  # holds, and as many obstacles, and way that are planned at once
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
 TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
 LIFT_RESERVE_M = 0.006  # kept below the highest lift that the highest body allows, for a body that tilts
@@ -64,6 +65,7 @@ def build_problem(
     if scenario.uncertainty is not None and (leaning := [hold.name for hold in scenario.holds if hold.leans]):
         expected = f"is not supported yet where faces lean, as those of {leaning[0]}"
         raise wrong(scenario, "uncertainty", "", expected)
+    _fits_one_plan(scenario)
     bounds = robot.body
     body = BodyBounds(bounds.height_m, bounds.max_tilt_rad, bounds.max_speed_m_s, bounds.max_rate_rad_s)
     heading, start, goal = body_and_ends(scenario, body)
@@ -110,6 +112,16 @@ def build_problem(
         limit_surface=scenario.planner.limit_surface,
     )
     return problem if scenario.uncertainty is None else problem.sure_of(scenario.uncertainty)
+
+
+def _fits_one_plan(scenario: Scenario) -> None:
+    expected = "in one plan; crux plan --stream plans a route part by part"
+    for key, count in (("holds", len(scenario.holds)), ("obstacles", len(scenario.obstacles))):
+        if count > MOST_CUBOIDS:
+            raise wrong(scenario, key, str(count), f"expected at most {MOST_CUBOIDS} {expected}")
+    way_m = math.dist(scenario.start.body.position_m, scenario.goal.body.position_m)
+    if way_m > MOST_WAY_M:
+        raise wrong(scenario, "goal.body", f"{way_m:.1f} m away", f"expected at most {MOST_WAY_M:g} m {expected}")
 
 
 def wall_contacts(

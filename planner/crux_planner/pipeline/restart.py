@@ -46,23 +46,29 @@ def scenario_at(
     position, rpy_deg = knot.body_position_w_m, np.degrees(knot.body_rpy_rad).tolist()
     if body is not None:
         position, rpy_deg = body.position_m, list(body.rpy_deg)
-    held = {name: running.holds[limb.hold].name for name, limb in zip(LIMB_NAMES, knot.limbs, strict=True)}
+    grasps_there = grasps_at(running, k)
+    held = {name: grasp["hold"] for name, grasp in grasps_there.items()}
     for place, grasps in (("start", held), ("goal", {name: g.hold for name, g in scenario.goal.grasps.items()})):
         for limb, hold in grasps.items():
             if hold in without:
                 raise InfeasibleError(f"{place} grasp", f"{place}.grasps.{limb}: {hold} is no hold any more")
     start = {
         "body": {"position_m": [float(v) for v in position], "rpy_deg": rpy_deg},
-        "grasps": {
-            name: {
-                "hold": held[name],
-                "faces": PAIR_NAMES[limb.finger1_face // 2],
-                "finger1": FACE_NAMES[limb.finger1_face],
-            }
-            for name, limb in zip(LIMB_NAMES, knot.limbs, strict=True)
-        },
+        "grasps": grasps_there,
     }
     return rewritten(scenario, start=start, steps=max(1, len(running.knots) - 1 - k), without=without)
+
+
+def grasps_at(running: plan_t, k: int) -> dict[str, dict[str, str]]:
+    """What each limb grips at knot k of a plan, a stance, as a scenario's start has it."""
+    return {
+        name: {
+            "hold": running.holds[limb.hold].name,
+            "faces": PAIR_NAMES[limb.finger1_face // 2],
+            "finger1": FACE_NAMES[limb.finger1_face],
+        }
+        for name, limb in zip(LIMB_NAMES, running.knots[k].limbs, strict=True)
+    }
 
 
 def edited(scenario: Scenario, edit: Callable[[dict[str, Any]], None]) -> Scenario:

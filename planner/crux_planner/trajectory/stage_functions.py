@@ -35,10 +35,10 @@ SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a litt
 COLUMN = WRENCH_INPUTS + 3
 POSE = 6  # of the body's states: position and orientation
 _WRENCH = 6
-_TorqueGiven = tuple[tuple[float, ...], tuple[float, ...], float, int, int]
-"""Units of q, gravity, the length of an interval, S of limbs without a closed form, 0 where they have one, and how many
-numbers a grasp has: all that torques depend on beside their functions' arguments."""
-_WALLS = 8  # slopes and intervals whose functions of torques are kept: they take a fifth of a plan's time to make
+_TorqueGiven = tuple[tuple[float, ...], float, int, int]
+"""Units of q, the length of an interval, S of limbs without a closed form, 0 where they have one, and how many numbers a
+grasp has: all that torques depend on beside their functions' arguments."""
+_GIVEN = 8  # such sets of which functions are kept: they take a fifth of a plan's time to make
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class StageFunctions:
         for pose, slope, z in zip(poses, (first, by_state), np.split(multiplier, 2, axis=1), strict=True):
             by = np.zeros((len(limbs), POSE + WRENCH_INPUTS, found.shape[-1]))
             by[:, :POSE, :BODY_STATES], by[:, POSE:, BODY_STATES:] = slope, np.eye(WRENCH_INPUTS)
-            numbers = self._numbers_at(limbs, pose, grasps)
+            numbers = self._with_gravity(self._numbers_at(limbs, pose, grasps))
             curvature = _torque_curvature(self._torque_given)(pose, q, grasps, numbers, z)[0]
             found += by.swapaxes(-1, -2) @ curvature @ by
         return found
@@ -212,12 +212,17 @@ class StageFunctions:
         return np.array([limb.numbers for limb in self.problem.limb_masses])
 
     def numbers_over(self, limbs: Indices, body: Array, grasps: Array) -> Array:
-        """(n, 36) or (n, 24 S + 16) that torques of limbs (n,) over intervals need, at body states (n, 12), grasps."""
+        """(n, 39) or (n, 24 S + 19) that torques of limbs (n,) over intervals need, at body states (n, 12) and grasps,
+        with gravity.
+        """
         if self.problem.closed_form:
-            return self._numbers[limbs]
+            return self._with_gravity(self._numbers[limbs])
         then = _next_poses(self.problem.dt_s)(body)[0]
         first, second = (self._numbers_at(limbs, poses, grasps) for poses in (body[:, :POSE], then))
-        return np.hstack([first, second[:, self.layout.chain :]])
+        return self._with_gravity(np.hstack([first, second[:, self.layout.chain :]]))
+
+    def _with_gravity(self, numbers: Array) -> Array:
+        return np.hstack([numbers, np.broadcast_to(self.problem.gravity_h, (len(numbers), 3))])
 
     def _numbers_at(self, limbs: Indices, poses: Array, grasps: Array) -> Array:
         """(n, 36) or (n, 17 S + 16) of limbs (n,) at body poses (n, 6), grippers' centre and axis first in `grasps`."""
@@ -240,8 +245,7 @@ class StageFunctions:
 
     @cached_property
     def _torque_given(self) -> _TorqueGiven:
-        p = self.problem
-        return tuple(self.scale), tuple(p.gravity_h), p.dt_s, p.chain_slots, self.grasp_numbers
+        return tuple(self.scale.tolist()), self.problem.dt_s, self.problem.chain_slots, self.grasp_numbers
 
     @property
     def torque_values(self) -> Mapped:
@@ -276,28 +280,28 @@ class StageFunctions:
         return _with_derivatives("column_cost", cost, u)
 
 
-@lru_cache(_WALLS)
+@lru_cache(_GIVEN)
 def _torque_values(given: _TorqueGiven) -> Mapped:
-    scale, gravity_h, dt_s, slots, grasp_numbers = given
+    scale, dt_s, slots, grasp_numbers = given
     chain, seed = Layout(slots).chain, Layout(slots).seed
-    sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": grasp_numbers}
-    sizes["numbers"] = chain + 2 * seed if slots else NUMBERS
+    count = chain + 2 * seed if slots else NUMBERS
+    sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": grasp_numbers, "numbers": count + 3}
     x, q, grasp, numbers = arguments = [ca.SX.sym(*each) for each in sizes.items()]
-    poses, load = (x[:POSE], next_pose(x, dt_s)), (q * np.array(scale), grasp, np.array(gravity_h))
-    first, second = numbers, numbers
+    poses, load = (x[:POSE], next_pose(x, dt_s)), (q * np.array(scale), grasp, numbers[count:])
+    first = second = numbers[:count]
     if slots:
-        first, second = numbers[: chain + seed], ca.vertcat(numbers[:chain], numbers[chain + seed :])
+        first, second = numbers[: chain + seed], ca.vertcat(numbers[:chain], numbers[chain + seed : count])
     ends = [held_torques(own, pose, *load) for own, pose in zip((first, second), poses, strict=True)]
     return Mapped("torque_values", arguments, [ca.vertcat(*ends)])
 
 
-@lru_cache(_WALLS)
+@lru_cache(_GIVEN)
 def _next_poses(dt_s: float) -> Mapped:
     x = ca.SX.sym("x", BODY_STATES)
     return Mapped("next_poses", [x], [next_pose(x, dt_s)])
 
 
-@lru_cache(_WALLS)
+@lru_cache(_GIVEN)
 def _torques(given: _TorqueGiven) -> Mapped:
     return Mapped.kept(("torques", given), lambda: _make_torques(given))
 
@@ -309,18 +313,18 @@ def _make_torques(given: _TorqueGiven) -> Mapped:
     return Mapped("torques", arguments, [torques, ca.jacobian(torques, ca.vertcat(x, q))])
 
 
-@lru_cache(_WALLS)
+@lru_cache(_GIVEN)
 def _torque_curvature(given: _TorqueGiven) -> Mapped:
     return Mapped.kept(("torque curvature", given), lambda: _make_torque_curvature(given))
 
 
 def _make_torque_curvature(given: _TorqueGiven) -> Mapped:
     """Hessian (n, 11, 11) of multipliers (n, S) times the torques of limbs at body poses (n, 6)."""
-    scale, gravity_h, _, slots, grasp_numbers = given
+    scale, _, slots, grasp_numbers = given
     count = Layout(slots).chain + Layout(slots).seed if slots else NUMBERS
-    sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": grasp_numbers, "numbers": count, "z": slots or JOINTS}
+    sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": grasp_numbers, "numbers": count + 3, "z": slots or JOINTS}
     pose, q, grasp, numbers, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
-    torques = held_torques(numbers, pose, q * np.array(scale), grasp, np.array(gravity_h))
+    torques = held_torques(numbers[:count], pose, q * np.array(scale), grasp, numbers[count:])
     hessian = ca.hessian(ca.dot(multiplier, torques), ca.vertcat(pose, q))[0]
     return Mapped("torque_curvature", arguments, [hessian])
 

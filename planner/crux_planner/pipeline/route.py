@@ -1,0 +1,173 @@
+"""Routes of any length: a climb planned in parts, each from the stance in which the one before ends.
+
+A part is a plan of its own: of a scenario with the holds and obstacles that the robot can reach on its way, from rest
+to rest, about a metre towards the goal. Memory does not grow with the route, and time grows as its length.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Scenario, parse_scenario
+from crux_contracts.yaml_document import parse_mapping, values
+
+from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.build import build_problem
+from crux_planner.model.kinematics import rotation_z
+from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.replan import Planner
+from crux_planner.pipeline.restart import grasps_at
+
+WAY_M = 0.8  # of a part, towards the goal
+FIRST_SHARE = 0.5  # of that for the first part, so that the robot can begin soon
+GOALS = ((1.0, 0.0), (0.75, 0.0), (1.25, 0.0), (0.5, 0.0), (1.0, 0.15), (1.0, -0.15), (0.5, 0.1), (0.5, -0.1))
+"""Where a part may end, in the order in which these are tried: share of its way, and aside of it [m]."""
+LAST_SHARE = 1.4  # of a part's way that is left to the goal makes the last part
+TOLERANCE_M, TOLERANCE_DEG = 0.03, 5.0  # of the body where a part ends
+TIME_LIMIT_S = 20.0  # of CPU for each way that a part is tried by
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A body pose as scenarios have it, in W."""
+
+    position_m: Array
+    rpy_deg: Array
+
+    def towards(self, other: _Place, share: float, aside_m: float) -> _Place:
+        """A share of the way to another place, and so far left of it."""
+        way = other.position_m - self.position_m
+        length = max(float(np.hypot(way[0], way[1])), 1e-9)
+        aside = np.array([-way[1], way[0], 0.0]) * aside_m / length
+        turn = (other.rpy_deg - self.rpy_deg + 180.0) % 360.0 - 180.0
+        return _Place(self.position_m + share * way + aside, self.rpy_deg + share * turn)
+
+    def as_yaml(self) -> dict[str, list[float]]:
+        return {"position_m": self.position_m.tolist(), "rpy_deg": self.rpy_deg.tolist()}
+
+
+def plan_route(
+    scenario: Scenario, robot: Robot, *, time_limit_s: float = TIME_LIMIT_S, log: Callable[[str], None] | None = None
+) -> Iterator[PlanResult]:
+    """The parts of a route one after the other, each planned and checked when it is asked for.
+
+    `time_limit_s` is CPU time [s] for each way that a part is tried by. Raises ScenarioError for walks and for starts
+    in the air, InfeasibleError where a part is not found: those before it can be climbed.
+    """
+    if scenario.contact.model != "patch":
+        raise wrong(scenario, "contact.model", scenario.contact.model, "expected patch: routes are climbs")
+    if scenario.start.air:
+        raise wrong(scenario, "start.air", ", ".join(scenario.start.air), "expected all limbs on holds")
+    route = _Route(scenario, robot)
+    start, part, first, done = route.start, scenario.start, True, False
+    grasps: dict[str, Any] = {
+        name: {key: value for key, value in vars(part.grasps[name]).items() if value is not None} for name in LIMB_NAMES
+    }
+    while not done:
+        result, done = _part(route, start, grasps, FIRST_SHARE if first else 1.0, time_limit_s, log)
+        first = False
+        yield result
+        knot = result.plan.knots[-1]
+        start = _Place(np.array(knot.body_position_w_m), np.degrees(knot.body_rpy_rad))
+        grasps = route.grasps_at_end(result)
+
+
+def _part(
+    route: _Route,
+    start: _Place,
+    grasps: dict[str, Any],
+    share: float,
+    time_limit_s: float,
+    log: Callable[[str], None] | None,
+) -> tuple[PlanResult, bool]:
+    """The next part, and whether it is the last. Raises InfeasibleError."""
+    failure: InfeasibleError | None = None
+    for goal, last in route.goals(start, share):
+        try:
+            result = Planner(route.part(start, grasps, goal), route.robot).plan(time_limit_s=time_limit_s, log=log)
+        except InfeasibleError as none:
+            failure = failure or none
+            continue
+        if last or route.goes_on(result):
+            return result, last
+    x, y, _ = start.position_m
+    where = f"from the body at ({x:.2f}, {y:.2f}) m"
+    if failure is None:
+        raise InfeasibleError("route", f"no part {where} ends in a stance from which the next one can begin")
+    raise InfeasibleError(failure.constraint, f"no part of the route {where}: {failure}")
+
+
+class _Route:
+    """A scenario's document, and what of it is near a way."""
+
+    def __init__(self, scenario: Scenario, robot: Robot) -> None:
+        self.scenario, self.robot = scenario, robot
+        self.document = cast(dict[str, Any], values(parse_mapping(scenario.yaml_text.encode(), scenario.path)))
+        self.start = _Place(np.array(scenario.start.body.position_m), np.array(scenario.start.body.rpy_deg))
+        self.goal = _Place(np.array(scenario.goal.body.position_m), np.array(scenario.goal.body.rpy_deg))
+        self._reach_m = reach_m(robot)
+        self._places = np.array([each.position_m for each in scenario.cuboids]).reshape(-1, 2)
+        self._extent_m = np.array([math.hypot(*each.size_m[:2]) / 2 for each in scenario.cuboids])
+
+    def goals(self, start: _Place, share: float) -> Iterator[tuple[_Place | None, bool]]:
+        """Where a part from `start` may end, None for the route's own goal, and whether it is the last part."""
+        left_m = float(np.linalg.norm((self.goal.position_m - start.position_m)[:2]))
+        if left_m <= LAST_SHARE * WAY_M:
+            yield None, True
+        for of_way, aside_m in GOALS:
+            if (to_goal := share * of_way * WAY_M / max(left_m, 1e-9)) < 1.0:
+                yield start.towards(self.goal, to_goal, aside_m), False
+
+    def part(self, start: _Place, grasps: dict[str, Any], goal: _Place | None) -> Scenario:
+        """The scenario of a part: what stands where the robot can reach on a straight way to the part's goal."""
+        near = self._near(start.position_m[:2], (goal or self.goal).position_m[:2])
+        holds, obstacles = self.document.get("holds", []), self.document.get("obstacles", [])
+        content = dict(self.document, start={"body": start.as_yaml(), "grasps": grasps})
+        content["holds"] = [hold for hold, kept in zip(holds, near, strict=False) if kept]
+        content["obstacles"] = [each for each, kept in zip(obstacles, near[len(holds) :], strict=True) if kept]
+        if goal is not None:
+            tolerances = {"tolerance_m": TOLERANCE_M, "tolerance_deg": TOLERANCE_DEG}
+            content["goal"] = {"body": {**goal.as_yaml(), **tolerances}}
+        return parse_scenario(content, self.scenario.path)
+
+    def _near(self, begin: Array, end: Array) -> Flags:
+        way = end - begin
+        along = np.clip((self._places - begin) @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
+        off_m = np.linalg.norm(self._places - begin - along[:, None] * way, axis=1)
+        return np.asarray(off_m <= self._reach_m + self._extent_m)
+
+    def grasps_at_end(self, result: PlanResult) -> dict[str, Any]:
+        """What the next part's start grips."""
+        return grasps_at(result.plan, -1)
+
+    def goes_on(self, result: PlanResult) -> bool:
+        """Whether a next part would begin with the grippers where they are: off the middle of its face, none does."""
+        knot = result.plan.knots[-1]
+        start = _Place(np.array(knot.body_position_w_m), np.degrees(knot.body_rpy_rad))
+        try:
+            scenario = self.part(start, self.grasps_at_end(result), start.towards(self.goal, 1e-6, 0.0))
+            problem = build_problem(scenario, self.robot)
+        except InfeasibleError:
+            return False
+        to_w = rotation_z(problem.heading_rad)
+        off = [
+            to_w @ problem.contacts[c].centre_h_m - np.array(limb.gripper_position_w_m)
+            for c, limb in zip(problem.start_contacts, knot.limbs, strict=True)
+        ]
+        return bool(np.abs(off).max() < 1e-6)
+
+
+def reach_m(robot: Robot) -> float:
+    """How far from the body's origin what a gripper touches can be, along the wall."""
+    lengths = []
+    for limb in robot.limbs:
+        hand_m = 0.0 if limb.closed_form else limb.wrist_to_gripper_m  # upright below the wrist in the closed form
+        lengths.append(float(np.linalg.norm(limb.shoulder_b_m)) + limb.upper_link_m + limb.lower_link_m + hand_m)
+    return max(lengths) + robot.gripper.opening_m[1]
