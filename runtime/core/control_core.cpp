@@ -40,13 +40,22 @@ CycleView ControlCore::view() const noexcept {
 }
 
 std::string ControlCore::load_plan(const crux_msgs::plan_t& plan) {
-  Result<std::unique_ptr<const PreparedPlan>> prepared = prepare_plan(robot_, plan);
+  Result<std::unique_ptr<const PreparedPlan>> prepared = prepare_plan(robot_, plan, plan_.get());
   if (!prepared) return prepared.reason();
   return in_words(exchange_plan(prepared.value()));
 }
 
+Reason ControlCore::extend_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept {
+  if (!plan || plan->follows != plan_->plan_id) return {"the robot is climbing; hold it first"};
+  // The body's way through its last interval depends on what comes after it.
+  if (clock_.now().interval + 1 >= plan_->intervals())
+    return {"the plan that runs is about to end; go on when the robot holds"};
+  plan_.swap(plan);
+  return {};
+}
+
 Reason ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept {
-  if (supervisor_.state() == SupervisorState::kClimbing) return {"the robot is climbing; hold it first"};
+  if (supervisor_.state() == SupervisorState::kClimbing) return extend_plan(plan);
   if (supervisor_.state() != SupervisorState::kIdle && plan) {
     const PlanReference start = play(*plan, {});
     if (const Reason off = off_stance(view(), start)) return off;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "core/plan/plan_join.hpp"
 #include "core/plan/plan_preparation.hpp"
 #include "core/robot/hash.hpp"
 #include "core/supervise/supervisor.hpp"
@@ -216,7 +217,8 @@ Opened OperatorServer::open(Channel channel, std::span<const std::uint8_t> bytes
 }
 
 void OperatorServer::on_lease(const Opened& opened) {
-  acknowledgement_t acknowledgement = new_acknowledgement(acknowledgement_t::COMMAND, opened.counter, loaded_plan_id_);
+  acknowledgement_t acknowledgement =
+      new_acknowledgement(acknowledgement_t::COMMAND, opened.counter, loaded_plan_.plan_id);
   if (!opened.new_holder.empty()) acknowledgement.reason = "operator '" + opened.new_holder + "' has the lease";
   answer(acknowledgement, serving_, true);
   if (!opened.new_holder.empty()) log(acknowledgement, std::nullopt);
@@ -230,7 +232,7 @@ void OperatorServer::refuse(const Opened& opened) {
                           piece     ? opened.piece.transfer_id
                           : command ? opened.command.request_id
                                     : opened.counter,
-                          loaded_plan_id_);
+                          loaded_plan_.plan_id);
   if (piece) acknowledgement.piece = opened.piece.piece;
   acknowledgement.verdict = acknowledgement_t::REFUSED;
   acknowledgement.reason = opened.denial.reason;
@@ -301,8 +303,6 @@ void OperatorServer::judge_plan(const std::string& plan_id) {
 /// Everything about an assembled plan that can be judged outside the real-time thread. Empty when it is good.
 std::string OperatorServer::plan_defect(const std::string& plan_id, plan_t& plan,
                                         std::unique_ptr<const PreparedPlan>& prepared) {
-  if (exchange_.supervisor_state.load(std::memory_order_relaxed) == robot_state_t::CLIMBING)
-    return "the robot is climbing; hold it first";
   if (std::ranges::any_of(pending_, [](const auto& item) { return item.second.scheduled; }))
     return "a command is scheduled for the plan that is loaded; HOLD cancels it";
   const std::vector<std::uint8_t> bytes = assembly_.bytes();
@@ -313,9 +313,13 @@ std::string OperatorServer::plan_defect(const std::string& plan_id, plan_t& plan
   if (!crux_msgs::decode_lcm(bytes, plan)) return "the bytes are not a whole plan_t message of this version";
   if (plan.plan_id != plan_id)
     return "the pieces announce plan '" + plan_id + "', the plan itself says '" + plan.plan_id + "'";
+  const bool climbing = exchange_.supervisor_state.load(std::memory_order_relaxed) == robot_state_t::CLIMBING;
+  const std::string apart = climbing ? join_defect(loaded_plan_, plan) : "";
+  if (!apart.empty()) return "the robot is climbing; hold it first, or go on where the loaded plan ends: " + apart;
   Result<std::unique_ptr<const PreparedPlan>> result = prepare_plan(robot_, plan);
   if (!result) return result.reason();
   prepared = std::move(result.value());
+  if (climbing) prepared = prepare_joined(loaded_plan_, plan = joined(loaded_plan_, plan));
   return "";
 }
 
@@ -323,7 +327,7 @@ std::string OperatorServer::plan_defect(const std::string& plan_id, plan_t& plan
 
 void OperatorServer::on_command(const command_t& command, std::span<const std::uint8_t> bytes) {
   acknowledgement_t acknowledgement =
-      new_acknowledgement(acknowledgement_t::COMMAND, command.request_id, loaded_plan_id_);
+      new_acknowledgement(acknowledgement_t::COMMAND, command.request_id, loaded_plan_.plan_id);
   if (command.command == command_t::STATUS) return answer(acknowledgement, serving_, true);
   if (repeated(bytes, command) || joins_a_hold(command)) return;
 
@@ -384,10 +388,10 @@ std::string OperatorServer::command_defect(const command_t& command) const {
   const bool idle = exchange_.supervisor_state.load(std::memory_order_relaxed) == robot_state_t::IDLE;
   if (command.command == command_t::SHUTDOWN && command.at_cycle == 0 && !idle) return kOnTheWall;
   if (command.command != command_t::START && command.command != command_t::STEP) return "";
-  if (loaded_plan_id_.empty()) return "no plan is loaded";
-  if (command.plan_id != loaded_plan_id_)
+  if (loaded_plan_.plan_id.empty()) return "no plan is loaded";
+  if (command.plan_id != loaded_plan_.plan_id)
     return std::string(command.command == command_t::START ? "START" : "STEP") + " names plan '" + command.plan_id +
-           "', loaded is '" + loaded_plan_id_ + "'";
+           "', loaded is '" + loaded_plan_.plan_id + "'";
   return "";
 }
 

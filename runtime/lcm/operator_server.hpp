@@ -148,7 +148,7 @@ class OperatorServer {
   PlanAssembly assembly_;
   PlanVerdict plan_verdict_;
   LastCommand last_command_;
-  std::string loaded_plan_id_;
+  crux_msgs::plan_t loaded_plan_{};  ///< the one that was taken last
   std::function<void(const crux_msgs::plan_t&)> plan_taken_;
   std::function<void()> restart_refused_;
   std::optional<crux_msgs::plan_t> plan_left_;

@@ -57,7 +57,7 @@ void OperatorServer::drain_answers() {
 }
 
 void OperatorServer::take_plan(const crux_msgs::plan_t& plan) {
-  loaded_plan_id_ = plan.plan_id;
+  loaded_plan_ = plan;
   publish(Channel::kPlan, plan);
   if (plan_taken_) plan_taken_(plan);
 }

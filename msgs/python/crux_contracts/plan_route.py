@@ -7,10 +7,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from crux_msgs import plan_t
+from crux_msgs import hold_t, plan_t
 
 from . import LIMB_NAMES
-from .plan_file import PlanFileError, read_plan
+from .plan_file import PlanFileError, plan_id, read_plan
 
 TOLERANCE = 1e-6  # between the end of a part and the start of the next: m, rad
 
@@ -59,3 +59,30 @@ def misfit(before: plan_t, part: plan_t) -> str:
 
 def _off(one: list[float], other: list[float]) -> float:
     return max(abs(a - b) for a, b in zip(one, other, strict=True))
+
+
+def joined(before: plan_t, part: plan_t) -> plan_t:
+    """Both as one plan, as the runtime joins them: the knots of `before` less its last one, then those of `part`, whose
+    scenario has the goal.
+    """
+    whole = plan_t.decode(part.encode())
+    whole.cost = before.cost + part.cost
+    numbers = {_of(hold): i for i, hold in enumerate(before.holds)}
+    whole.holds = list(before.holds)
+    for hold in part.holds:
+        if _of(hold) not in numbers:
+            numbers[_of(hold)] = len(whole.holds)
+            whole.holds.append(hold)
+    for knot in whole.knots:
+        knot.time_s += before.knots[-1].time_s
+        for limb in knot.limbs:
+            limb.hold = numbers[_of(part.holds[limb.hold])] if limb.hold >= 0 else limb.hold
+    whole.knots = [*before.knots[:-1], *whole.knots]
+    whole.n_knots, whole.n_holds = len(whole.knots), len(whole.holds)
+    whole.plan_id = plan_id(whole)
+    return whole
+
+
+def _of(hold: hold_t) -> tuple[str, tuple[float, ...]]:
+    """What tells holds of one wall apart."""
+    return hold.name, tuple(hold.position_w_m)

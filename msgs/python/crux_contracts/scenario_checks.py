@@ -83,12 +83,14 @@ def check_places(check: Checker, keys: dict[str, Node]) -> None:
     """Nothing stands far from the way between start and goal: what does is likely in another unit."""
     ends = [_items(_members(_members(keys.get(part)).get("body")).get("position_m")) for part in ("start", "goal")]
     cuboids = [*_items(keys.get("holds")), *_items(keys.get("obstacles"))]
-    places = [_members(each).get("position_m") for each in cuboids]
+    places = [
+        _members(_members(each).get("pose")).get("position_m", _members(each).get("position_m")) for each in cuboids
+    ]
     places += _members(_members(keys.get("start")).get("feet")).values()
     for axis in (0, 1):
         along = [check.number(end[axis], -math.inf, math.inf) for end in ends if len(end) == 3]
-        for place in places if along else ():
-            check.number(_items(place)[axis], min(along) - OFF_WAY_M, max(along) + OFF_WAY_M, "m")
+        for place in (_items(each) for each in places) if along else ():
+            check.number(place[axis], min(along) - OFF_WAY_M, max(along) + OFF_WAY_M, "m")
 
 
 def check_cuboids(check: Checker, keys: dict[str, Node]) -> None:

@@ -36,8 +36,8 @@ COLUMN = WRENCH_INPUTS + 3
 POSE = 6  # of the body's states: position and orientation
 _WRENCH = 6
 _TorqueGiven = tuple[tuple[float, ...], float, int, int]
-"""Units of q, the length of an interval, S of limbs without a closed form, 0 where they have one, and how many numbers a
-grasp has: all that torques depend on beside their functions' arguments."""
+"""Units of q, the length of an interval, S of limbs without a closed form, 0 where they have one, and how many numbers
+a grasp has: all that torques depend on beside their functions' arguments."""
 _GIVEN = 8  # such sets of which functions are kept: they take a fifth of a plan's time to make
 
 

@@ -4,6 +4,7 @@
 #include <string>
 #include <utility>
 
+#include "core/plan/plan_join.hpp"
 #include "core/plan/plan_validation.hpp"
 
 namespace crux {
@@ -22,9 +23,11 @@ void stand_on_pads(PreparedPlan& plan, double radius_m) {
 
 }  // namespace
 
-Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan) {
+Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan,
+                                                         const PreparedPlan* running) {
   if (std::string defect = plan_message_defect(robot, plan); !defect.empty()) return Refusal{defect};
   std::unique_ptr<PreparedPlan> tables = tabulate(plan);
+  if (running != nullptr && extends(*tables, *running)) tables->follows = running->plan_id;
   if (tables->point_feet) stand_on_pads(*tables, robot.gripper.pad_radius_m);
   std::unique_ptr<const PreparedPlan> prepared = std::move(tables);
   if (std::string defect = plan_reach_defect(robot, *prepared); !defect.empty()) return Refusal{defect};

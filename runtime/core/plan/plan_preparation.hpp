@@ -11,7 +11,8 @@
 namespace crux {
 
 /// Validates `plan` against `robot` and prepares it. Not for the real-time thread. A refusal says which knot, limb and
-/// value do not fit, and what would.
-Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan);
+/// value do not fit, and what would. The plan says so if it is a longer one than the `running`.
+Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan,
+                                                         const PreparedPlan* running = nullptr);
 
 }  // namespace crux

@@ -37,6 +37,7 @@ inline constexpr SwingShares kMovingFingers = {.lift = 0.4, .arrive = 0.6, .clos
 
 struct PreparedPlan {
   std::string plan_id;
+  std::string follows;  ///< id of the plan that this one is longer than, empty where it stands for itself
   SwingShares swing;
   bool point_feet = false;  ///< a walk: limbs in stance stand on the wall itself
   Vector3 gravity_W_m_s2 = Vector3::Zero();

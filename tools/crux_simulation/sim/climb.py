@@ -5,15 +5,17 @@ from __future__ import annotations
 import shlex
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crux_can_kernel.native import available
 from crux_contracts import LIMB_NAMES
+from crux_contracts.plan_route import joined
 from crux_contracts.robot import Robot
 from crux_msgs import command_t, plan_t
 from crux_tools.errors import UsageError, WorkFailed
@@ -42,6 +44,7 @@ from crux_simulation.sim.recorder import recorded
 from crux_simulation.sim.resumed import Resumed
 from crux_simulation.sim.runtime_here import RuntimeHere
 from crux_simulation.sim.runtime_process import STOP_TIMEOUT_S, RuntimeProcess, guard_time_s, runtime_arguments
+from crux_simulation.sim.streamed import Streamed
 from crux_simulation.sim.truth_log import log_truth
 from crux_simulation.sim.world import World
 from crux_simulation.sim.world_model import change_robot, cut_corners, loosen_holds, plant_world, true_wall
@@ -151,15 +154,21 @@ def climb(
     log: Path,
     options: ClimbOptions,
     progress: Callable[[float], None] = lambda _time_s: None,
+    parts: Sequence[plan_t] = (),
 ) -> ClimbResult:
-    """Runs `plan` on the bench and judges it; the runtime writes `log`. Raises UsageError or WorkFailed."""
+    """Runs `plan` on the bench, and the `parts` of a route that follow it, and judges it; the runtime writes `log`.
+    Raises UsageError or WorkFailed.
+    """
+    if parts and (options.bus != "memory" or options.guide):
+        raise UsageError("a route in parts is climbed with --bus memory and without --guide")
     if options.bus == "socketcan" and not available():
         raise UsageError(
             "--bus socketcan: this kernel has no CAN; run it under one that has: "
             f"crux can run --virtual-time -i {','.join(INTERFACES)} -- crux climb …"
         )
     check_process_faults(options.faults, options.bus, options.pace)
-    plant = plant_of(plan, robot, options)
+    whole = reduce(joined, parts, plan)
+    plant = plant_of(whole, robot, options)
     with ExitStack() as stack:
         boards = stack.enter_context(EmulatedBoards(options.emulated, robot)) if options.emulated else None
         if boards is not None:
@@ -169,13 +178,15 @@ def climb(
             [place.joint for place in options.emulated if place.joint is not None],
             [place.limb for place in options.emulated if place.joint is None],
         )
-        plan_s = plan.knots[-1].time_s
+        plan_s = whole.knots[-1].time_s
         limit_s = plan_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
         disturbance = _disturbance(stack, runtime, nodes, plant, log, options) if options.faults else None
         watched_s = WATCHED_S if options.world is not None else 0.0
         clock = WorldClock(plant.dt_s) if options.pace == "realtime" else None
         loop = Loop(nodes, plant, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance, watched_s, clock)
         guided = _operator(loop, link, runtime, plan, robot, options)
+        if isinstance(runtime, RuntimeHere) and parts:
+            loop.between = Streamed(link, runtime, loop, plan, parts)
         stack.enter_context(no_garbage_collection())
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
             note("crux climb: no permission for SCHED_FIFO; other programs may delay the simulation")
@@ -196,7 +207,7 @@ def climb(
         last_words = runtime.last_words() if died else ""
     courses = tuple(disturbance.courses) if disturbance is not None else ()
     further = guided.legs[1:] if guided is not None else []
-    result = _judged([(0, plan), *further], plant, log, outcome, (last_words, unlogged), courses)
+    result = _judged([(0, whole), *further], plant, log, outcome, (last_words, unlogged), courses)
     said = guided.as_json() if guided is not None else None
     result = replace(result, bus=options.bus, worst_interrupts=interrupts, guide=said)
     return _logged(result, plant, options.world)

@@ -60,7 +60,7 @@ def add_parser(subparsers: Any) -> None:
         help="run a plan in the hardware-in-the-loop simulation",
         **taught(_DESCRIPTION, *_EXAMPLES),
     )
-    parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan written by crux plan")
+    parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan written by crux plan, or a route's folder")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="LOG.mcap", help="telemetry of the climb")
     parser.add_argument(
         "--pace",
@@ -175,6 +175,7 @@ def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the robot is at the goal without slip, lost grip or fall, and the log is complete; else 1."""
     from crux_contracts.output_file import look_at_outputs, write_whole
     from crux_contracts.plan_file import read_plan
+    from crux_contracts.plan_route import read_route
     from crux_tools.output import alone_with
     from crux_tools.plan_robot import robot_of_plan
 
@@ -183,7 +184,9 @@ def run(options: argparse.Namespace) -> int:
     from crux_simulation.sim.fault_file import read_faults
     from crux_simulation.sim.world_file import read_world
 
-    plan = read_plan(options.plan)
+    plan, *parts = (
+        [part for _, part in read_route(options.plan)] if options.plan.is_dir() else [read_plan(options.plan)]
+    )
     robot = robot_of_plan(plan, options.plan)
     faults = tuple(read_faults(options.faults)) if options.faults is not None else ()
     emulated = read_places(options.emulate) if options.emulate is not None else ()
@@ -205,8 +208,9 @@ def run(options: argparse.Namespace) -> int:
         options.pace, bus, options.seed, faults, emulated, options.commands, world, options.guide, options.calibrate,
         options.note, options.log_frames,
     )  # fmt: skip
-    with alone_with(options.output), progress("climbing", plan.knots[-1].time_s) as bar:
-        result = climb(plan, robot, options.output, wanted, bar.at)
+    length_s = sum(each.knots[-1].time_s for each in (plan, *parts))
+    with alone_with(options.output), progress("climbing", length_s) as bar:
+        result = climb(plan, robot, options.output, wanted, bar.at, parts)
     if options.json:
         print_json(result.as_json())
     else:

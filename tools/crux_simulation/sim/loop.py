@@ -127,6 +127,8 @@ class Loop:
     """real time; None: lockstep"""
     guided: Callable[[], bool] = lambda: False
     """asked where the robot holds: whether somebody leads it on; lets cycles pass by `cycles`"""
+    between: Callable[[], None] = lambda: None
+    """called between two cycles"""
     cycle: int = field(default=-1, init=False)
     """of the last Sync answered"""
 
@@ -194,6 +196,7 @@ class Loop:
             self.cycle = cycle
             if cycle % REPORT_CYCLES == 0:
                 self.progress(self.plant.time_s)
+            self.between()
             if end_cycle is None:
                 over = self.over(cycle)
                 if over is not None:
