@@ -74,15 +74,20 @@ def _add_plan_id(parser: argparse.ArgumentParser) -> None:
 
 def add_upload_parser(subparsers: Any) -> None:
     """crux upload PLAN.mcap."""
-    text = "Send a plan to a running runtime, which checks it against its robot"
+    text = "Send a plan to a running runtime, which checks it against its robot; of a route, each part as it climbs"
     parser = _add(subparsers, "upload", text, "crux upload out/plan.mcap && crux start", run_upload)
-    parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan written by crux plan")
+    parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan, or the folder of a route, by crux plan")
 
 
 def run_upload(options: argparse.Namespace) -> int:
     """Uploads; the runtime's reason when it refuses."""
     from crux_contracts.plan_file import read_plan
 
+    if options.plan.is_dir():
+        from crux_tools.route_upload import upload_route
+
+        with _link(options) as link:
+            return _report(options, upload_route(link, options.plan, note))
     plan = read_plan(options.plan)
     with _link(options) as link:
         return _report(options, link.upload(plan))
