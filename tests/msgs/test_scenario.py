@@ -302,3 +302,14 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 def test_point_contacts_need_feet(change: tuple[str, str], says: str) -> None:
     with pytest.raises(ScenarioError, match=says):
         parse_scenario(POINT_TEXT.replace(*change))
+
+
+def test_a_wall_may_be_long_but_nothing_may_stand_alone_far_away() -> None:
+    far = [
+        f"  - {{name: far-{i}, position_m: [{15 * i}, 0.8], size_m: [0.06, 0.06, 0.06], friction: 2}}"
+        for i in (1, 2, 3)
+    ]
+    text = GOOD_TEXT.replace("holds:\n", "holds:\n" + "\n".join(far) + "\n")
+    assert len(parse_scenario(text).holds) == len(parse_scenario(GOOD_TEXT).holds) + 3
+    with pytest.raises(ScenarioError, match=r"holds\[2\]\.position_m\[0\]: 145: expected a number in .*\.\.50 m"):
+        parse_scenario(text.replace("[45, 0.8]", "[145, 0.8]"))

@@ -80,7 +80,7 @@ def _footprint(node: Node) -> Footprint | None:
 
 
 def check_places(check: Checker, keys: dict[str, Node]) -> None:
-    """Nothing stands far from the way between start and goal: what does is likely in another unit."""
+    """Nothing stands far from the way between start and goal and from all else: what does is likely in another unit."""
     ends = [_items(_members(_members(keys.get(part)).get("body")).get("position_m")) for part in ("start", "goal")]
     cuboids = [*_items(keys.get("holds")), *_items(keys.get("obstacles"))]
     places = [
@@ -88,9 +88,20 @@ def check_places(check: Checker, keys: dict[str, Node]) -> None:
     ]
     places += _members(_members(keys.get("start")).get("feet")).values()
     for axis in (0, 1):
-        along = [check.number(end[axis], -math.inf, math.inf) for end in ends if len(end) == 3]
-        for place in (_items(each) for each in places) if along else ():
-            check.number(place[axis], min(along) - OFF_WAY_M, max(along) + OFF_WAY_M, "m")
+        way = [check.number(end[axis], -math.inf, math.inf) for end in ends if len(end) == 3]
+        nodes = [_items(place)[axis] for place in places]
+        values = [check.number(node, -math.inf, math.inf) for node in nodes]
+        low, high = (sign * _edge([sign * v for v in way], [sign * v for v in values]) for sign in (-1.0, 1.0))
+        for node in nodes if way else ():
+            check.number(node, low - OFF_WAY_M, high + OFF_WAY_M, "m")
+
+
+def _edge(way: list[float], values: list[float]) -> float:
+    """The last of the values from the way's highest on before the first gap of more than `OFF_WAY_M`."""
+    edge = max(way, default=0.0)
+    for value in sorted(values):
+        edge = max(edge, value) if value <= edge + OFF_WAY_M else edge
+    return edge
 
 
 def check_cuboids(check: Checker, keys: dict[str, Node]) -> None:

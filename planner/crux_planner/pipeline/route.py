@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -21,6 +22,7 @@ from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_z
+from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.replan import Planner
 from crux_planner.pipeline.restart import grasps_at
@@ -32,6 +34,7 @@ GOALS = ((1.0, 0.0), (0.75, 0.0), (1.25, 0.0), (0.5, 0.0), (1.0, 0.15), (1.0, -0
 LAST_SHARE = 1.4  # of a part's way that is left to the goal makes the last part
 TOLERANCE_M, TOLERANCE_DEG = 0.03, 5.0  # of the body where a part ends
 TIME_LIMIT_S = 20.0  # of CPU for each way that a part is tried by
+THOROUGH = 3  # ends that are tried again by all that `plan` has, each for so many times as long
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,7 @@ def plan_route(
 ) -> Iterator[PlanResult]:
     """The parts of a route one after the other, each planned and checked when it is asked for.
 
+    From the second on a part is given when the next one is found: one that leads nowhere may still end elsewhere.
     `time_limit_s` is CPU time [s] for each way that a part is tried by. Raises ScenarioError for walks and for starts
     in the air, InfeasibleError where a part is not found: those before it can be climbed.
     """
@@ -66,42 +70,79 @@ def plan_route(
     if scenario.start.air:
         raise wrong(scenario, "start.air", ", ".join(scenario.start.air), "expected all limbs on holds")
     route = _Route(scenario, robot)
-    start, part, first, done = route.start, scenario.start, True, False
-    grasps: dict[str, Any] = {
-        name: {key: value for key, value in vars(part.grasps[name]).items() if value is not None} for name in LIMB_NAMES
-    }
-    while not done:
-        result, done = _part(route, start, grasps, FIRST_SHARE if first else 1.0, time_limit_s, log)
-        first = False
-        yield result
-        knot = result.plan.knots[-1]
-        start = _Place(np.array(knot.body_position_w_m), np.degrees(knot.body_rpy_rad))
-        grasps = route.grasps_at_end(result)
+    begun = {name: {k: v for k, v in vars(scenario.start.grasps[name]).items() if v is not None} for name in LIMB_NAMES}
+    following = _Parts(route, route.start, begun, FIRST_SHARE, time_limit_s, log)
+    if (held := following.next()) is None:
+        raise following.failure
+    yield held.result  # the robot may begin, so it does end there
+    given = True
+    while not held.last:
+        nexts = _Parts(route, *route.end_of(held.result), 1.0, time_limit_s, log)
+        if (found := nexts.next()) is not None:
+            if not given:
+                yield held.result
+            held, following, given = found, nexts, False
+        elif not given and (other := following.next()) is not None:
+            held = other
+        else:
+            if not given:
+                yield held.result
+            raise nexts.failure
+    if not given:
+        yield held.result
 
 
-def _part(
-    route: _Route,
-    start: _Place,
-    grasps: dict[str, Any],
-    share: float,
-    time_limit_s: float,
-    log: Callable[[str], None] | None,
-) -> tuple[PlanResult, bool]:
-    """The next part, and whether it is the last. Raises InfeasibleError."""
-    failure: InfeasibleError | None = None
-    for goal, last in route.goals(start, share):
-        try:
-            result = Planner(route.part(start, grasps, goal), route.robot).plan(time_limit_s=time_limit_s, log=log)
-        except InfeasibleError as none:
-            failure = failure or none
-            continue
-        if last or route.goes_on(result):
-            return result, last
-    x, y, _ = start.position_m
-    where = f"from the body at ({x:.2f}, {y:.2f}) m"
-    if failure is None:
-        raise InfeasibleError("route", f"no part {where} ends in a stance from which the next one can begin")
-    raise InfeasibleError(failure.constraint, f"no part of the route {where}: {failure}")
+@dataclass(frozen=True)
+class _Part:
+    result: PlanResult
+    last: bool
+
+
+class _Parts:
+    """The parts that may follow from a stance, one way after the other."""
+
+    def __init__(
+        self,
+        route: _Route,
+        start: _Place,
+        grasps: dict[str, Any],
+        share: float,
+        time_limit_s: float,
+        log: Callable[[str], None] | None,
+    ) -> None:
+        self._route, self._start, self._grasps, self._share = route, start, grasps, share
+        self._time_limit_s, self._log = time_limit_s, log
+        self._none: InfeasibleError | None = None  # why the first way gives none
+        self._found = self._find()
+
+    def next(self) -> _Part | None:
+        """The next one that ends in a stance from which the route can go on."""
+        return next((part for part in self._found if part.last or self._route.goes_on(part.result)), None)
+
+    @property
+    def failure(self) -> InfeasibleError:
+        """Why there is none, after the last."""
+        x, y, _ = self._start.position_m
+        where = f"from the body at ({x:.2f}, {y:.2f}) m"
+        if self._none is None:
+            return InfeasibleError("route", f"no part {where} ends in a stance from which the next one can begin")
+        return InfeasibleError(self._none.constraint, f"no part of the route {where}: {self._none}")
+
+    def _find(self) -> Iterator[_Part]:
+        """By the quickest moves, and where those give none, by all that `plan` tries."""
+        goals = list(self._route.goals(self._start, self._share))
+        for goal, last in goals:
+            try:
+                planner = Planner(self._route.part(self._start, self._grasps, goal), self._route.robot)
+                yield _Part(planner.plan(time_limit_s=self._time_limit_s, log=self._log), last)
+            except InfeasibleError as none:
+                self._none = self._none or none
+        for goal, last in goals[:THOROUGH]:
+            part = self._route.part(self._start, self._grasps, goal)
+            with suppress(InfeasibleError):
+                yield _Part(
+                    plan(part, self._route.robot, time_limit_s=THOROUGH * self._time_limit_s, log=self._log), last
+                )
 
 
 class _Route:
@@ -143,23 +184,24 @@ class _Route:
         off_m = np.linalg.norm(self._places - begin - along[:, None] * way, axis=1)
         return np.asarray(off_m <= self._reach_m + self._extent_m)
 
-    def grasps_at_end(self, result: PlanResult) -> dict[str, Any]:
-        """What the next part's start grips."""
-        return grasps_at(result.plan, -1)
+    def end_of(self, result: PlanResult) -> tuple[_Place, dict[str, Any]]:
+        """Where a part ends, as the next one's start."""
+        knot = result.plan.knots[-1]
+        body = _Place(np.array(knot.body_position_w_m), np.degrees(knot.body_rpy_rad))
+        return body, grasps_at(result.plan, -1)
 
     def goes_on(self, result: PlanResult) -> bool:
         """Whether a next part would begin with the grippers where they are: off the middle of its face, none does."""
-        knot = result.plan.knots[-1]
-        start = _Place(np.array(knot.body_position_w_m), np.degrees(knot.body_rpy_rad))
+        start, grasps = self.end_of(result)
         try:
-            scenario = self.part(start, self.grasps_at_end(result), start.towards(self.goal, 1e-6, 0.0))
+            scenario = self.part(start, grasps, start.towards(self.goal, 1e-6, 0.0))
             problem = build_problem(scenario, self.robot)
         except InfeasibleError:
             return False
         to_w = rotation_z(problem.heading_rad)
         off = [
             to_w @ problem.contacts[c].centre_h_m - np.array(limb.gripper_position_w_m)
-            for c, limb in zip(problem.start_contacts, knot.limbs, strict=True)
+            for c, limb in zip(problem.start_contacts, result.plan.knots[-1].limbs, strict=True)
         ]
         return bool(np.abs(off).max() < 1e-6)
 

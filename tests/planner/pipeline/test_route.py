@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +80,21 @@ def test_a_part_knows_what_it_can_reach(parts: list[PlanResult], whole: Scenario
         assert "far" not in names
 
 
+def test_a_gripper_off_the_middle_of_its_face_is_no_start_of_a_part(
+    parts: list[PlanResult], whole: Scenario, robot: Robot
+) -> None:
+    """A scenario's start names hold and faces alone."""
+    route = route_module._Route(whole, robot)
+    assert route.goes_on(parts[0])
+    off = replace(parts[0], plan=plan_t.decode(parts[0].plan.encode()))
+    x, y, z = off.plan.knots[-1].limbs[3].gripper_position_w_m
+    off.plan.knots[-1].limbs[3].gripper_position_w_m = [x, y + 0.005, z]
+    assert not route.goes_on(off)
+
+
 def test_where_the_holds_end_the_parts_before_are_there(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(route_module, "GOALS", route_module.GOALS[:2])
+    monkeypatch.setattr(route_module, "THOROUGH", 0)
     broken = wall()
     broken["holds"] = [each for each in broken["holds"] if each["position_m"][0] < 0.7]
     route = plan_route(scenario(broken), robot, time_limit_s=5.0)
