@@ -86,13 +86,11 @@ def run_plan(args: argparse.Namespace) -> int:
 
     from crux_planner.errors import InfeasibleError
 
-    lone = _astray(args)
-    if lone:
+    if lone := _astray(args):
         return _fail(args, lone, USAGE)
     try:
-        scenario = load_scenario(args.scenario)
+        scenario = _at_pace(args, load_scenario(args.scenario))
         robot = load_robot(scenario.robot)
-        scenario = _at_pace(args, scenario)
         if args.stream:
             return _stream(args, scenario, robot)
         look_at_outputs({"-o": args.output, "--certificate": args.certificate}, (args.scenario, args.running))

@@ -66,10 +66,9 @@ def build_problem(
         expected = f"is not supported yet where faces lean, as those of {leaning[0]}"
         raise wrong(scenario, "uncertainty", "", expected)
     _fits_one_plan(scenario)
-    bounds = robot.body
+    bounds, margins = robot.body, scenario.planner.margins
     body = BodyBounds(bounds.height_m, bounds.max_tilt_rad, bounds.max_speed_m_s, bounds.max_rate_rad_s)
     heading, start, goal = body_and_ends(scenario, body)
-    margins = scenario.planner.margins
     effort = np.stack([limb.effort_Nm for limb in robot.limbs])
     tilt_rad = tilt_for([start.rpy_rad, goal.rpy_rad], bounds.max_tilt_rad)
     gripper, reach = robot.gripper, reach or reach_of(robot, tilt_rad)

@@ -159,8 +159,6 @@ def climb(
     """Runs `plan` on the bench, and the `parts` of a route that follow it, and judges it; the runtime writes `log`.
     Raises UsageError or WorkFailed.
     """
-    if parts and (options.bus != "memory" or options.guide):
-        raise UsageError("a route in parts is climbed with --bus memory and without --guide")
     if options.bus == "socketcan" and not available():
         raise UsageError(
             "--bus socketcan: this kernel has no CAN; run it under one that has: "
@@ -178,8 +176,7 @@ def climb(
             [place.joint for place in options.emulated if place.joint is not None],
             [place.limb for place in options.emulated if place.joint is None],
         )
-        plan_s = whole.knots[-1].time_s
-        limit_s = plan_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
+        limit_s = whole.knots[-1].time_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
         disturbance = _disturbance(stack, runtime, nodes, plant, log, options) if options.faults else None
         watched_s = WATCHED_S if options.world is not None else 0.0
         clock = WorldClock(plant.dt_s) if options.pace == "realtime" else None

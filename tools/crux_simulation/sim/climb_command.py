@@ -202,6 +202,8 @@ def run(options: argparse.Namespace) -> int:
     bus = options.bus or ("memory" if options.pace == "lockstep" else "udp")
     if bus == "memory" and options.pace == "realtime":
         raise UsageError("--bus memory: one process has no clock to keep; --pace realtime needs --bus udp or socketcan")
+    if parts and (bus != "memory" or options.guide):
+        raise UsageError("a route in parts is climbed with --bus memory and without --guide")
     if options.guide and bus != "memory":
         raise UsageError(f"--guide: with --bus {bus} the runtime is a process of its own; start crux guide beside it")
     wanted = ClimbOptions(
