@@ -10,9 +10,12 @@ from typing import Any
 import crux_planner
 import pytest
 from climbs import climb_here, saved
+from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_tools import cli
+from crux_tools.errors import UsageError
 from crux_tools.paths import built
+from crux_tools.robot3d.robot_model import build_model, slot_names
 from crux_tools.telemetry import read_log
 from other_counts import with_joints
 
@@ -64,3 +67,12 @@ def test_the_runtime_takes_those_that_it_drives(count: int, words: str, tmp_path
     done = checked_by_the_runtime(with_joints(count, tmp_path))
     assert (done.returncode == 0) == (not words)
     assert words in done.stderr
+
+
+def test_physics_refuses_seven_joints_and_has_idle_slots_for_fewer(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="limbs of 7 joints are planned for and checked, not driven"):
+        build_model(load_robot(with_joints(7, tmp_path / "7")), None)
+    assert [name for name in slot_names(load_robot(with_joints(4, tmp_path / "4"))) if "slot" in name][:2] == [
+        "LF/slot5",
+        "LF/slot6",
+    ]
