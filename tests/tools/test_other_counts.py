@@ -12,6 +12,7 @@ import pytest
 from climbs import climb_here, saved
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
+from crux_planner.method_report import first_walls
 from crux_tools import cli
 from crux_tools.errors import UsageError
 from crux_tools.paths import built
@@ -53,13 +54,13 @@ def test_four_joints_climb_holds_that_they_grip_squarely(
 
 
 @pytest.mark.sweep
-def test_seven_joints_are_planned_for(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Some 60 s, as above."""
-    robot = with_joints(7, tmp_path)
-    monkeypatch.setenv("CRUX_ROBOTS", str(tmp_path))
-    assert len(planned(robot, tmp_path / "wall.yaml", capsys).knots) > 10
+def test_seven_joints_are_planned_for(tmp_path: Path) -> None:
+    """Some 60 s: the reach of its limbs is mapped."""
+    robot = load_robot(with_joints(7, tmp_path))
+    wall = next(first_walls(robot))
+    result = crux_planner.plan(wall.document(45, 2.2), robot)
+    assert result.check.ok
+    assert len(result.plan.knots) > 10
 
 
 @pytest.mark.parametrize(("count", "words"), [(4, ""), (5, ""), (7, "limb.joints: a list of 7: expected at most 6")])
