@@ -58,7 +58,7 @@ def test_seven_joints_are_planned_for(tmp_path: Path) -> None:
     """Some 60 s: the reach of its limbs is mapped."""
     robot = load_robot(with_joints(7, tmp_path))
     wall = next(first_walls(robot))
-    result = crux_planner.plan(wall.document(45, 2.2), robot)
+    result = crux_planner.plan(wall.document(45, 2.2), robot, time_limit_s=100.0)
     assert result.check.ok
     assert len(result.plan.knots) > 10
 
