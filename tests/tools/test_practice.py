@@ -25,6 +25,7 @@ from hand_plan import BODY_HEIGHT_M, Wall, standing_plan
 PATIENCE_S = 600.0
 LED_ON = {
     robot_state_t.IDLE: command_t.CLEAR_FAULT,  # nodes that hold by themselves
+    robot_state_t.READY: command_t.START,
     robot_state_t.FAULT: command_t.CLEAR_FAULT,
     robot_state_t.HOLDING: command_t.RESUME,
 }
@@ -67,8 +68,9 @@ def until(link: OperatorLink, met: Callable[[robot_state_t], bool], led_on: bool
     while time.monotonic() < end_s:
         if link.command(command_t.STATUS, tries=1) is not None and link.status is not None and met(link.status.state):
             return link.status.state
-        if led_on and link.status is not None and link.status.state.supervisor_state in LED_ON:
-            link.command(LED_ON[link.status.state.supervisor_state])
+        if led_on and link.status is not None and (state := link.status.state).supervisor_state in LED_ON:
+            stands = state.fault_code != 0
+            link.command(command_t.CLEAR_FAULT if stands else LED_ON[state.supervisor_state], hanging_plan().plan_id)
         time.sleep(0.1)
     last = link.status and link.status.state
     told = last and (last.supervisor_state, last.fault_code, last.time_s, last.plan_time_s)
@@ -82,7 +84,6 @@ def test_the_operators_commands_find_a_robot(tmp_path: Path) -> None:
         until(link, lambda state: state.time_s > CARRIED_S)
         link.upload(plan)
         until(link, lambda state: state.supervisor_state == robot_state_t.READY, led_on=True)
-        link.send(command_t.START, plan.plan_id)
         until(link, lambda state: state.plan_time_s > 1.0, led_on=True)
         link.send(command_t.HOLD)
         held = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING)
