@@ -12,8 +12,8 @@ namespace crux {
 /// Why `part` cannot begin in the stance in which `before` ends, both well in themselves. Empty when it can.
 std::string join_defect(const crux_msgs::plan_t& before, const crux_msgs::plan_t& part);
 
-/// Both as one plan, with an id of its own: the knots of `before` less its last one, then those of `part`, whose scenario
-/// has the goal.
+/// Both as one plan, with an id of its own: the knots of `before` less its last one, then those of `part`, whose
+/// scenario has the goal.
 crux_msgs::plan_t joined(const crux_msgs::plan_t& before, const crux_msgs::plan_t& part);
 
 /// The tables of `joined`, which say what they go on from. Its parts are valid by themselves, so it is not asked again.
