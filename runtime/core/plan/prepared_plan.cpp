@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 
 #include <cmath>
+#include <cstdint>
 
 namespace crux {
 namespace {
@@ -29,10 +30,10 @@ double squeeze_N(const crux_msgs::limb_knot_t& knot) {
 /// Of the faces under both fingers; finger 2 touches the one opposite.
 std::array<double, 2> leans_rad(const crux_msgs::plan_t& plan, const crux_msgs::limb_knot_t& knot) {
   const bool grips = knot.phase == crux_msgs::limb_knot_t::STANCE && knot.hold >= 0 && knot.hold < plan.n_holds;
-  const int face = knot.finger1_face;
-  if (!grips || face < 0 || face >= crux_msgs::limb_knot_t::FACE_WALL) return {};
+  if (!grips || knot.finger1_face < 0 || knot.finger1_face >= crux_msgs::limb_knot_t::FACE_WALL) return {};
+  const auto face = static_cast<std::uint8_t>(knot.finger1_face);
   const double* lean_rad = plan.holds[knot.hold].lean_rad;
-  return {lean_rad[face], lean_rad[face ^ 1]};
+  return {lean_rad[face], lean_rad[face ^ 1U]};
 }
 
 /// Slopes of `dimensions` coordinates over all knots: `value(k, i)` in, `slope(k, i)` out.
