@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <ranges>
 #include <set>
+#include <span>
 
 #include "core/robot/description_problem.hpp"
 #include "core/robot/geometry.hpp"
@@ -70,7 +70,7 @@ class Rules {
       if (joint->kind != "fixed") moving.push_back(joint->name);
     const std::size_t least = bounds::kLeastJoints,
                       count = std::min(std::max(moving.size(), least), names.joints.size());
-    if (!std::ranges::equal(moving, names.joints | std::views::take(count)))
+    if (!std::ranges::equal(moving, std::span(names.joints).first(count)))
       refuse(path_, "limb " + limb, listed(moving),
              "expected the joints " + listed(names.joints) + " from the body outwards" +
                  (names.joints.size() > least ? ", or the first " + std::to_string(least) + " or more of them" : ""));
