@@ -37,7 +37,7 @@ struct PadLoad {
     const double root2 = f2 * mu2 * (apart2 + pressed_by * pressed_by * twist_N * twist_N) -
                          f2 * f2 * (along_by.squaredNorm() * demand2 - both * both);
     const double half_slope = mu2 * pressed_N * pressed_by - f2 * both;
-    return std::min((std::sqrt(std::max(root2, 0.0)) - half_slope) / square, kNoSqueeze_N);
+    return (std::sqrt(std::max(root2, 0.0)) - half_slope) / square;
   }
 };
 
