@@ -26,6 +26,8 @@ def upload_route(
     `link` is an OperatorLink. Returns the acknowledgement of the last upload. Raises PlanFileError, UsageError and
     WorkFailed.
     """
+    if not (first := part_path(folder, 0)).exists():
+        raise PlanFileError(f"{folder}: no {first.name} in it, expected a route of crux plan --stream")
     answer, end_s, before, number = None, 0.0, None, 0
     for state in _states(link, sleep):
         late = answer is not None and state.plan_complete != 0
@@ -33,8 +35,6 @@ def upload_route(
             continue
         path = part_path(folder, number)
         if not path.exists():
-            if answer is None:
-                raise PlanFileError(f"{folder}: no {path.name} in it, expected a route of crux plan --stream")
             if late:
                 return answer
             continue

@@ -9,10 +9,10 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Hold
+from crux_planner import Faces
 from crux_planner.checker.geometry import rotation_about_z
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
-from crux_planner.model.faces import Faces
 from crux_tools.robot.stance import limb_reach
 
 from crux_simulation.wall.boxes import Box
