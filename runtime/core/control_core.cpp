@@ -16,6 +16,9 @@ namespace {
 constexpr const char* kLatched = "nodes hold by themselves; clear the fault to re-arm them";
 constexpr const char* kNotWell = "not all nodes and sensors answer and are well";
 
+// Half of a gripper's width: pads give in turning as if they gave in shifting so far from its middle.
+constexpr double kGripLever_m = 0.03;
+
 /// Of this cycle; nothing where its clock is wrong, of which the fault monitor tells.
 double elapsed_s(const crux_msgs::control_input_t& in) noexcept {
   return in.dt_s > 0.0 && std::isfinite(in.dt_s) ? in.dt_s : 0.0;
@@ -124,18 +127,19 @@ void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
   for (LimbController& limb : limbs_) limb.sense(in);
   if (!plan_) return;
   const CycleView now = view();
-  PerLimb<Vector3> anchors_W_m, grippers_B_m;
-  PerLimb<double> weights;
+  PerLimb<Pose> anchors_W, grippers_B;
+  PerLimb<double> weights, levers_m;
   PerLimb<LimbState> states;
   for (int l = 0; l < kLimbs; ++l) {
     states[l] = limbs_[l].state();
-    anchors_W_m[l] = limbs_[l].anchor_W_m(reference_.limbs[l]);
-    grippers_B_m[l] = states[l].gripper_B.position_m;
+    anchors_W[l] = limbs_[l].anchor_W(reference_.limbs[l]);
+    grippers_B[l] = states[l].gripper_B;
+    levers_m[l] = limbs_[l].turn_found() ? kGripLever_m : 0.0;
     // Where nothing has been commanded yet no encoder can have frozen.
     const bool sees = looks_around_ || !limbs_[l].blind();
     weights[l] = limbs_[l].found() && sees ? grips_.load(now, l, reference_.limbs[l]) : 0.0;
   }
-  body_.update(anchors_W_m, grippers_B_m, weights);
+  body_.update(anchors_W, grippers_B, weights, levers_m);
   com_W_m_ = body_.body_W() * centre_of_mass(robot_, states);
   for (LimbController& limb : limbs_) limb.sense_wrench(body_.body_W().rotation, plan_->gravity_W_m_s2, elapsed_s(in));
 }

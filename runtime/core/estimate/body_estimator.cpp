@@ -14,19 +14,25 @@ constexpr double kWay_1_s = 20.0, kWayBack_1_s = 0.2;
 
 }  // namespace
 
-const Pose& BodyEstimator::update(const PerLimb<Vector3>& anchor_W_m, const PerLimb<Vector3>& gripper_B_m,
-                                  const PerLimb<double>& weight, int iterations) noexcept {
+const Pose& BodyEstimator::update(const PerLimb<Pose>& anchor_W, const PerLimb<Pose>& gripper_B,
+                                  const PerLimb<double>& weight, const PerLimb<double>& lever_m,
+                                  int iterations) noexcept {
   for (int iteration = 0; iteration < iterations; ++iteration) {
     Matrix6 normal = Matrix6::Zero();
     Vector6 gradient = Vector6::Zero();
     for (int l = 0; l < kLimbs; ++l) {
       if (weight[l] <= 0.0) continue;
-      const Vector3 arm = body_W_.rotation * gripper_B_m[l];
-      const Vector3 residual = anchor_W_m[l] - body_W_.position_m - arm;
+      const Vector3 arm = body_W_.rotation * gripper_B[l].position_m;
+      const Vector3 residual = anchor_W[l].position_m - body_W_.position_m - arm;
       Eigen::Matrix<double, 3, 6> jacobian;
       jacobian << Matrix3::Identity(), -skew(arm);
       normal += weight[l] * jacobian.transpose() * jacobian;
       gradient += weight[l] * jacobian.transpose() * residual;
+      const double turn_weight = weight[l] * lever_m[l] * lever_m[l];
+      if (turn_weight <= 0.0) continue;
+      normal.bottomRightCorner<3, 3>() += turn_weight * Matrix3::Identity();
+      gradient.tail<3>() +=
+          turn_weight * rotation_log(anchor_W[l].rotation * (body_W_.rotation * gripper_B[l].rotation).transpose());
     }
     normal += kRelativeDamping * (normal.trace() + 1.0) * Matrix6::Identity();
     const Vector6 step = normal.ldlt().solve(gradient);

@@ -1,5 +1,5 @@
 // The body's pose from the limbs that stand: the rigid motion that best lays the grippers, seen from the body by
-// forward kinematics, on the places where they hold the wall. The robot has no inertial unit.
+// forward kinematics, as they hold the wall. The robot has no inertial unit.
 #pragma once
 
 #include "core/robot/geometry.hpp"
@@ -10,12 +10,13 @@ class BodyEstimator {
  public:
   void reset(const Pose& body_W) { body_W_ = body_W; }
 
-  /// Minimises Σ wᵢ |R·bᵢ + r − aᵢ|² by damped Gauss-Newton steps from the last estimate.
-  /// `anchor_W_m`: aᵢ, where the grippers hold; `gripper_B_m`: bᵢ; `weight`: wᵢ >= 0, zero for a limb in the air.
-  /// With three grippers or more the pose follows at once. With fewer, what they cannot tell (a turn about the line
-  /// through two of them) stays as it was.
-  const Pose& update(const PerLimb<Vector3>& anchor_W_m, const PerLimb<Vector3>& gripper_B_m,
-                     const PerLimb<double>& weight, int iterations = kIterationsPerCycle) noexcept;
+  /// Minimises Σ wᵢ (|R·bᵢ + r − aᵢ|² + λᵢ² |log(Aᵢ·(R·Bᵢ)ᵀ)|²) by damped Gauss-Newton steps from the last estimate.
+  /// `anchor_W`: (Aᵢ, aᵢ), how the grippers hold; `gripper_B`: (Bᵢ, bᵢ); `weight`: wᵢ >= 0, zero for a limb in the air;
+  /// `lever_m`: λᵢ, on which a turn of the gripper counts as much as a shift, zero where it says nothing.
+  /// Places tell all of the pose where three grippers or more are not on one line. Of a turn about the line through
+  /// them only the grippers' own turns tell; where they say nothing either, it stays as it was.
+  const Pose& update(const PerLimb<Pose>& anchor_W, const PerLimb<Pose>& gripper_B, const PerLimb<double>& weight,
+                     const PerLimb<double>& lever_m, int iterations = kIterationsPerCycle) noexcept;
 
   const Pose& body_W() const { return body_W_; }
 

@@ -115,6 +115,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   const Pose gripper_W = body_W * state_.gripper_B;
   const Vector3 off_m = gripper_W.position_m - reference.gripper_position_W_m;
   found_ = in_contact_ = on_hold(reference);
+  find_turn(gripper_W.rotation, reference);
   beside_W_m_.setZero();
   back_ = reference.back;
   known_ = {};
@@ -139,6 +140,7 @@ void LimbController::restore(const LimbReference& reference, bool grips, const V
                              const Wrench& tare_G) noexcept {
   wrench_.take_bias(tare_G);
   found_ = in_contact_ = grips;
+  turn_found_ = false;
   contact_offset_W_m_ = grips ? Vector3(place_W_m - reference.gripper_position_W_m) : Vector3::Zero();
   fingers_.restore(opening_m);
 }
@@ -180,6 +182,12 @@ void LimbController::grip_at(const Vector3& place_W_m, const Pose& target_W, con
   aim_at(target_W, reference);
 }
 
+/// A gripper on a hold stays turned as it is; a foot may turn on its point.
+void LimbController::find_turn(const Matrix3& rotation_W, const LimbReference& reference) noexcept {
+  grip_rotation_W_ = rotation_W;
+  turn_found_ = found_ && !reference.point_foot;
+}
+
 bool LimbController::follow_contact(const LimbReference& reference, const Pose& body_estimate_W,
                                     const Pose& body_command_W, bool pulled) noexcept {
   const bool contact = on_hold(reference);
@@ -204,7 +212,7 @@ bool LimbController::follow_contact(const LimbReference& reference, const Pose& 
     admittance_.reset(admittance_.offset_m(), admittance_.rotation_rad());
     in_contact_ = contact;
     back_ = reference.back;
-    found_ = false;
+    found_ = turn_found_ = false;
   } else if (pulled != pulled_) {
     aim_at(aim_W * (aim_W_.inverse() * target_W(reference)), reference);
   }
@@ -213,6 +221,7 @@ bool LimbController::follow_contact(const LimbReference& reference, const Pose& 
   if (!contact || found_) return false;
   found_ = reference.point_foot || reference.phase != LimbPhase::kLoad;
   if (!reference.point_foot) grip_at(place_W_m, target_W(reference), reference);
+  if (found_) find_turn(body_estimate_W.rotation * state_.gripper_B.rotation, reference);
   return found_;
 }
 
@@ -231,6 +240,7 @@ void LimbController::relocate(const Pose& motion, const LimbReference& reference
   const Pose target_W = motion * this->target_W(reference);
   const Vector3 anchor_W_m = this->anchor_W_m(reference);
   contact_offset_W_m_ += motion * anchor_W_m - anchor_W_m;
+  grip_rotation_W_ = motion.rotation * grip_rotation_W_;
   aim_at(target_W, reference);
   aim_W_ = motion * aim_W_;
 }

@@ -54,6 +54,11 @@ class LimbController {
     return reference.gripper_position_W_m + contact_offset_W_m_ + beside_W_m_;
   }
 
+  /// The same with how its gripper was turned when that was found.
+  Pose anchor_W(const LimbReference& reference) const { return {grip_rotation_W_, anchor_W_m(reference)}; }
+  /// Whether it was.
+  bool turn_found() const { return turn_found_; }
+
   /// The limb is on a hold or the ground.
   bool in_contact() const { return in_contact_; }
   /// It bears its load there, and where it grips is known: load takes up the play of its joints, so that the gripper
@@ -169,6 +174,7 @@ class LimbController {
   void stay_at(const JointVector& q_rad) noexcept;
   Pose target_W(const LimbReference& reference) const noexcept;
   void aim_at(const Pose& target_W, const LimbReference& reference) noexcept;
+  void find_turn(const Matrix3& rotation_W, const LimbReference& reference) noexcept;
   void grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept;
 
   int limb_;
@@ -202,7 +208,9 @@ class LimbController {
 
   // Commanded.
   Vector3 contact_offset_W_m_ = Vector3::Zero();
-  Vector3 beside_W_m_ = Vector3::Zero();  ///< aim_beside(), until contact
+  Matrix3 grip_rotation_W_ = Matrix3::Identity();  ///< of the gripper on its hold,
+  bool turn_found_ = false;                        ///< if it is known
+  Vector3 beside_W_m_ = Vector3::Zero();           ///< aim_beside(), until contact
   /// At the beginning and at the end of the last swing; unknown before. So a limb that goes back,
   /// and forward again, finds its holds where they were.
   std::array<KnownHold, 2> known_;

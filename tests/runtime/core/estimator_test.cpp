@@ -9,17 +9,19 @@ namespace crux_test {
 namespace {
 
 struct Stance {
-  PerLimb<Vector3> anchors_W_m;
-  PerLimb<Vector3> grippers_B_m;
+  PerLimb<Pose> anchors_W;
+  PerLimb<Pose> grippers_B;
 };
+
+constexpr PerLimb<double> kPlaces = {};  // levers of grippers whose turns say nothing
 
 constexpr int kIterationsFromAfar = 50;  // a cycle has fewer, and begins near
 
 Stance stance(const Pose& body_W) {
   Stance stance;
   for (int l = 0; l < kLimbs; ++l) {
-    stance.grippers_B_m[l] = {l < 2 ? 0.14 : -0.14, l % 2 == 0 ? 0.36 : -0.36, -0.13 - 0.01 * l};
-    stance.anchors_W_m[l] = body_W * stance.grippers_B_m[l];
+    stance.grippers_B[l].position_m = {l < 2 ? 0.14 : -0.14, l % 2 == 0 ? 0.36 : -0.36, -0.13 - 0.01 * l};
+    stance.anchors_W[l] = body_W * stance.grippers_B[l];
   }
   return stance;
 }
@@ -33,7 +35,7 @@ TEST(BodyEstimator, RecoversAKnownPoseFromAnyThreeOrFourLimbs) {
     if (missing >= 0) weights[missing] = 0.0;
     BodyEstimator estimator;
     estimator.reset({Matrix3::Identity(), Vector3::Zero()});
-    const Pose estimate = estimator.update(seen.anchors_W_m, seen.grippers_B_m, weights, kIterationsFromAfar);
+    const Pose estimate = estimator.update(seen.anchors_W, seen.grippers_B, weights, kPlaces, kIterationsFromAfar);
     EXPECT_LT((estimate.position_m - truth.position_m).norm(), 1e-9) << "without limb " << missing;
     EXPECT_LT((estimate.rotation - truth.rotation).norm(), 1e-9) << "without limb " << missing;
   }
@@ -45,7 +47,7 @@ TEST(BodyEstimator, FollowsASmallMotionWithinOneCycle) {
   const Stance seen = stance(after);
   BodyEstimator estimator;
   estimator.reset(before);
-  const Pose estimate = estimator.update(seen.anchors_W_m, seen.grippers_B_m, {1, 1, 1, 1});
+  const Pose estimate = estimator.update(seen.anchors_W, seen.grippers_B, {1, 1, 1, 1}, kPlaces);
   EXPECT_LT((estimate.position_m - after.position_m).norm(), 1e-9);
   EXPECT_LT((estimate.rotation - after.rotation).norm(), 1e-9);
 }
@@ -53,15 +55,32 @@ TEST(BodyEstimator, FollowsASmallMotionWithinOneCycle) {
 TEST(BodyEstimator, TwoLimbsLeaveTheTurnAboutTheirLineAlone) {
   const Pose before = {Matrix3::Identity(), {0.0, 0.0, 0.18}};
   const Stance seen = stance(before);
-  const Vector3 line = (seen.anchors_W_m[1] - seen.anchors_W_m[0]).normalized();
+  const Vector3 line = (seen.anchors_W[1].position_m - seen.anchors_W[0].position_m).normalized();
   // The body turned about the line between limbs 0 and 1: their points tell nothing of it.
   BodyEstimator estimator;
   const Pose turned = {rotation_exp(0.1 * line), Vector3::Zero()};
-  const Pose start = {turned.rotation, seen.anchors_W_m[0] - turned.rotation * seen.grippers_B_m[0]};
+  const Pose start = {turned.rotation, seen.anchors_W[0].position_m - turned.rotation * seen.grippers_B[0].position_m};
   estimator.reset(start);
-  for (int i = 0; i < 500; ++i) estimator.update(seen.anchors_W_m, seen.grippers_B_m, {1, 1, 0, 0});
+  for (int i = 0; i < 500; ++i) estimator.update(seen.anchors_W, seen.grippers_B, {1, 1, 0, 0}, kPlaces);
   EXPECT_LT((estimator.body_W().rotation - start.rotation).norm(), 1e-6);
-  EXPECT_LT((estimator.body_W() * seen.grippers_B_m[1] - seen.anchors_W_m[1]).norm(), 1e-6);
+  EXPECT_LT((estimator.body_W() * seen.grippers_B[1].position_m - seen.anchors_W[1].position_m).norm(), 1e-6);
+}
+
+TEST(BodyEstimator, GripsOnOneLineTellATurnAboutItByTheirOwn) {
+  const Pose truth = {rotation_exp({0.1, 0.05, -0.2}), {0.3, 0.1, 0.18}};
+  Stance seen = stance(truth);
+  for (int l = 0; l < kLimbs; ++l) {
+    seen.anchors_W[l].position_m = {0.2 * l, 0.2 * l, 0.035};
+    seen.grippers_B[l] = truth.inverse() * seen.anchors_W[l];
+  }
+  const Pose turned = {rotation_exp(0.1 * Vector3(1.0, 1.0, 0.0).normalized()), Vector3::Zero()};
+  BodyEstimator estimator;
+  estimator.reset(turned * truth);
+  for (int i = 0; i < 10; ++i) estimator.update(seen.anchors_W, seen.grippers_B, {1, 0, 1, 1}, kPlaces);
+  EXPECT_GT((estimator.body_W().rotation - truth.rotation).norm(), 0.1);
+  for (int i = 0; i < 10; ++i) estimator.update(seen.anchors_W, seen.grippers_B, {1, 0, 1, 1}, {0.03, 0.03, 0.03, 0});
+  EXPECT_LT((estimator.body_W().rotation - truth.rotation).norm(), 1e-6);
+  EXPECT_LT((estimator.body_W().position_m - truth.position_m).norm(), 1e-6);
 }
 
 TEST(BodyEstimator, WithoutAnyLimbStaysWhereItWas) {
@@ -69,8 +88,9 @@ TEST(BodyEstimator, WithoutAnyLimbStaysWhereItWas) {
   const Pose pose = {rotation_exp({0.1, 0.0, 0.0}), {1.0, 2.0, 3.0}};
   estimator.reset(pose);
   const Stance seen = stance({});
-  EXPECT_LT((estimator.update(seen.anchors_W_m, seen.grippers_B_m, {0, 0, 0, 0}).position_m - pose.position_m).norm(),
-            1e-15);
+  EXPECT_LT(
+      (estimator.update(seen.anchors_W, seen.grippers_B, {0, 0, 0, 0}, kPlaces).position_m - pose.position_m).norm(),
+      1e-15);
 }
 
 TEST(BodyCorrection, MakesWayForALimbAtItsJointsLimitsAndComesBack) {
