@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from crux_contracts.scenario import parse_scenario
-from crux_simulation.benchmarks.hold_fields import PROVEN, field_job, verdict
+from crux_simulation.benchmarks.hold_fields import PROVEN, SOLVED, WRONG, field_job, verdict
 from crux_simulation.benchmarks.random_fields import HOLDS, SLOPE_DEG, random_field
+from crux_tools.report import results
 
 
 def test_fields_are_drawn_alike_for_the_same_seed_and_lie_in_their_ranges() -> None:
@@ -30,3 +31,9 @@ def test_a_goal_out_of_reach_is_proven_so() -> None:
     row = field_job(401, 20.0).run().row
     assert verdict(row) == PROVEN
     assert "it is 242 mm outside LF's workspace" in row["reason"]
+
+
+def test_a_climb_that_ends_off_the_goal_makes_a_solved_field_wrong() -> None:
+    assert verdict({"verdict": results.CLIMBED}) == verdict({"verdict": results.PLANNED}) == SOLVED
+    assert verdict({"verdict": results.FAILED}) == WRONG
+    assert field_job(7, 20.0, climbs=True).climbs

@@ -20,11 +20,13 @@ from crux_simulation.campaign.walls import Wall
 DECIDED_SHARE = 0.9
 LIMIT_S = 20.0  # a field
 SOLVED, PROVEN, UNDECIDED, WRONG = "solved", "infeasible", "undecided", "WRONG"
+VERDICTS = {results.PLANNED: SOLVED, results.CLIMBED: SOLVED, results.FAILED: WRONG}
+VERDICTS |= {results.INFEASIBLE: PROVEN, results.WRONG: WRONG}
 
 
 def verdict(row: Row) -> str:
-    """WRONG is a plan reported solved that fails the check."""
-    return {results.PLANNED: SOLVED, results.INFEASIBLE: PROVEN, results.WRONG: WRONG}.get(row["verdict"], UNDECIDED)
+    """WRONG is a plan reported solved that fails the check, or whose climb ends elsewhere than at the goal."""
+    return VERDICTS.get(row["verdict"], UNDECIDED)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,21 +42,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="seconds of computing that planning a field may take (default: %(default)s)",
     )
+    parser.add_argument(
+        "--climb", action="store_true", help="climb in physics what is solved, which the table's seconds count as well"
+    )
     parser.add_argument("--output", type=Path, default=Path("out/bench-fields"), metavar="DIR", help="for results")
     add_cluster_options(parser)
 
 
-def field_job(seed: int, limit_s: float) -> ClimbJob:
-    """Plans a field and checks the plan, if there is one."""
-    return ClimbJob("field", Wall("field", seed), seed, time_limit_s=limit_s, climbs=False)
+def field_job(seed: int, limit_s: float, climbs: bool = False) -> ClimbJob:
+    """Plans a field and checks the plan, if there is one; with `climbs`, climbs it."""
+    return ClimbJob("field", Wall("field", seed), seed, time_limit_s=limit_s, climbs=climbs)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit status 0 when 90 % of the fields were decided in time and no plan failed the check."""
+    """Exit status 0 when 90 % of the fields were decided in time and no plan failed the check, or its climb."""
     from crux_simulation.campaign.engine import run_anew
 
     look_at_folder("--output", options.output)
-    jobs = [field_job(seed, options.limit) for seed in range(options.seed, options.seed + options.count)]
+    seeds = range(options.seed, options.seed + options.count)
+    jobs = [field_job(seed, options.limit, options.climb) for seed in seeds]
     rows = run_anew(jobs, options.output, options, "deciding random fields")
     counts = Counter(map(verdict, rows))
     decided = counts[SOLVED] + counts[PROVEN]
@@ -73,9 +79,9 @@ def run(options: argparse.Namespace) -> int:
     for row in rows:
         what = row["reason"] or " ".join(row["plan"]["gait"])
         note(f"{row['wall_seed']:>5} {verdict(row):>10} {row['cpu_s']:>6.1f}  {what}")
+    solved = f"{counts[SOLVED]} solved and {'climbed' if options.climb else 'checked'}"
     note(
-        f"{decided} of {options.count} decided within {options.limit:g} s of computing each: "
-        f"{counts[SOLVED]} solved and checked, {counts[PROVEN]} proven infeasible {FOR_ALL_REACH}; "
-        f"{counts[UNDECIDED]} undecided, {counts[WRONG]} wrong"
+        f"{decided} of {options.count} decided within {options.limit:g} s of computing each: {solved}, "
+        f"{counts[PROVEN]} proven infeasible {FOR_ALL_REACH}; {counts[UNDECIDED]} undecided, {counts[WRONG]} wrong"
     )
     return 0 if ok else 1
