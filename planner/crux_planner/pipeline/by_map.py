@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from crux_planner.model.build import build_problem
+from crux_planner.model.poses import point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule, Stance, stance_after
 from crux_planner.pipeline.by_joints import UNLIMITED, solve_by_joints
@@ -93,6 +94,16 @@ def plan_by_map(climb: Climb, tried: Tried, quick: bool = False) -> tuple[PlanRe
         if climb.session.late:
             return None
     return None
+
+
+def missing_at_goal(climb: Climb) -> str | None:
+    """What a level body at the goal lacks by the map; None where four limbs hold, or the goal is tilted."""
+    problem = climb.problem.aimed()
+    if np.abs(problem.goal.body.rpy_rad[:2]).max() > LEVEL_RAD:
+        return None
+    search = next(_searches(climb))
+    place = point_text(problem, problem.goal.body.position_m)
+    return None if len(search.goals) else f"{search.missing_at_goal()}, for a level body at the goal {place}"
 
 
 def _off_centre(climb: Climb) -> Climb:

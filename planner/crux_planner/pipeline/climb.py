@@ -5,12 +5,12 @@ from dataclasses import replace
 
 from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.checker import check_plan
-from crux_planner.errors import HorizonError, InfeasibleError, wrong
+from crux_planner.errors import HorizonError, InfeasibleError, LevelGoalError, wrong
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.attempt import attempts
-from crux_planner.pipeline.by_map import Tried, plan_by_map
+from crux_planner.pipeline.by_map import Tried, missing_at_goal, plan_by_map
 from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
 from crux_planner.pipeline.fallback import at_last, disproved, farther, without_blamed
@@ -90,6 +90,8 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
             return found
         none_level = found
     assert none_level is not None
+    if isinstance(none_level, LevelGoalError) and (missing := missing_at_goal(climb)) is not None:
+        none_level = LevelGoalError("reach", missing)
     raise none_level if proof is None else at_last(climb, none_level, proof)
 
 

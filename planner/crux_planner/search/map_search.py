@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
 from crux_planner.model.arrays import Flags, Indices
 from crux_planner.model.schedule import Contacts, Stance, stance_after
@@ -142,22 +143,41 @@ class MapSearch:
     @cached_property
     def goals(self) -> Indices:
         """Stances (n, 4) of contacts on which a body at the goal may stand, every limb in reach and off the others."""
-        problem, masks = self.problem, self.masks
-        ends = []
-        for limb, mine in enumerate(self._mine):
-            ends.append(masks.held_at_goal(limb, [c for c in mine if problem.may_end(limb, problem.contacts[c])]))
+        ends = self._ends_at_goal
         if not all(ends):
             return np.zeros((0, 4), dtype=int)
         stances = np.array(ends[0], dtype=int).reshape(-1, 1)
         for limb in range(1, 4):
             stances = np.column_stack([np.repeat(stances, len(ends[limb]), axis=0), np.tile(ends[limb], len(stances))])
             for other in range(limb):
-                apart = masks.apart_at_goal((other, ends[other]), (limb, ends[limb]))
-                for i, j in np.argwhere(apart & self._near[np.ix_(ends[other], ends[limb])]):
-                    apart[i, j] = self.swings.apart(ends[other][i], ends[limb][j])
                 rows, columns = (np.searchsorted(ends[i], stances[:, i]) for i in (other, limb))
-                stances = stances[apart[rows, columns]]
+                stances = stances[self._apart_at_goal(other, limb)[rows, columns]]
         return stances
+
+    @cached_property
+    def _ends_at_goal(self) -> list[list[int]]:
+        """Contacts on which each limb may end, and which a body at the goal has in its reach."""
+        problem = self.problem
+        may = [[c for c in own if problem.may_end(limb, problem.contacts[c])] for limb, own in enumerate(self._mine)]
+        return [self.masks.held_at_goal(limb, own) for limb, own in enumerate(may)]
+
+    def _apart_at_goal(self, one: int, two: int) -> Flags:
+        """(n, m) for the contacts of two limbs there: whether the limbs and their hands are off each other."""
+        ends = self._ends_at_goal
+        apart = self.masks.apart_at_goal((one, ends[one]), (two, ends[two]))
+        for i, j in np.argwhere(apart & self._near[np.ix_(ends[one], ends[two])]):
+            apart[i, j] = self.swings.apart(ends[one][i], ends[two][j])
+        return apart
+
+    def missing_at_goal(self) -> str:
+        """Why there are no `goals`, in words."""
+        idle = [name for name, ends in zip(LIMB_NAMES, self._ends_at_goal, strict=True) if not ends]
+        if idle:
+            return f"no hold for {' and '.join(idle)} with a margin to joint limits and the trunk"
+        for one, two in itertools.combinations(range(4), 2):
+            if not self._apart_at_goal(one, two).any():
+                return f"no holds for {LIMB_NAMES[one]} and {LIMB_NAMES[two]} on which these are off each other"
+        return "no four holds on which all limbs are off each other"
 
     @cached_property
     def _to_go(self) -> list[dict[int, float]]:

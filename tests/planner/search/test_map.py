@@ -23,7 +23,7 @@ from crux_planner.search.schedule import at_knots
 from crux_planner.search.stood_on import StoodOn
 from crux_planner.swing.swing_cache import SwingCache
 from scipy.sparse.csgraph import dijkstra
-from walls import ladder, scenario, two_rows
+from walls import hold, ladder, scenario, two_rows
 
 
 @lru_cache
@@ -77,7 +77,22 @@ def test_a_goal_at_which_a_limb_reaches_nothing_has_no_way(robot: Robot) -> None
     problem = build_problem(scenario(wall), robot)
     grid = grid_about(problem, 0.03, 0.07, 0.1, 0.0)
     masks = PoseMasks(problem, robot, grid, 0.04)
-    assert MapSearch(masks, Footing(problem, grid), SwingCache(problem)).find((), 500, np.inf) is None
+    found = MapSearch(masks, Footing(problem, grid), SwingCache(problem))
+    assert found.find((), 500, np.inf) is None
+    assert found.missing_at_goal().startswith("no hold for LF and RF with")
+
+
+def test_limbs_that_cross_on_all_of_their_holds_at_the_goal_are_named(robot: Robot) -> None:
+    """The front limb of a side is to end below the rear one."""
+    wall = two_rows(all_limbs=False)
+    wall["holds"] += [hold("upper", 0.21, 0.3), hold("lower", 0.09, 0.3)]
+    ends = {"LF": "lower", "LR": "upper"}
+    wall["goal"]["grasps"] = {limb: {"hold": name, "faces": "x"} for limb, name in ends.items()}
+    problem = build_problem(scenario(wall), robot)
+    grid = grid_about(problem, 0.03, 0.07, 0.1, 0.0)
+    found = MapSearch(PoseMasks(problem, robot, grid, 0.04), Footing(problem, grid), SwingCache(problem))
+    assert len(found.goals) == 0
+    assert found.missing_at_goal() == "no holds for LF and LR on which these are off each other"
 
 
 def test_a_limb_that_is_left_out_is_not_lifted_from_its_stance() -> None:
