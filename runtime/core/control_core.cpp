@@ -239,7 +239,7 @@ std::array<double, kAllJoints> ControlCore::joint_dead_time_s() const noexcept {
 }
 
 void ControlCore::engage() noexcept {
-  for (int l = 0; l < kLimbs; ++l) limbs_[l].engage(reference_.limbs[l], body_.body_W());
+  for (int l = 0; l < kLimbs; ++l) limbs_[l].engage(reference_.limbs[l], body_.body_W(), started_);
   if (calibration_) {
     calibration_->restart();
     for (LimbController& limb : limbs_) limb.set_gains(robot_.admittance);
@@ -326,7 +326,7 @@ void ControlCore::aim(double dt_s) noexcept {
     const LimbReference& limb = reference_.limbs[l];
     const bool pulled = grips_.pull().limb() == l;
     const bool found = limbs_[l].follow_contact(limb, body_.body_W(), body_command_W, pulled);
-    if (!found || plan_->point_feet || !limb.gripping()) continue;
+    if (!found || !started_ || plan_->point_feet || !limb.gripping()) continue;
     const Vector3 place_W_m = limbs_[l].anchor_W_m(limb);
     localisation_.grasp(body_.body_W().position_m, place_W_m - body_.body_W().position_m, limb.finger_axis_W(),
                         limb.finger_axis_W().dot(place_W_m - limb.gripper_position_W_m));

@@ -2,6 +2,8 @@
 
 #include <Eigen/Geometry>
 
+#include <algorithm>
+
 #include "core/loads/internal_wrench.hpp"
 
 namespace crux {
@@ -25,6 +27,14 @@ PerLimb<Wrench> balanced_on_feet(const CycleView& now) noexcept {
   return wrenches;
 }
 
+/// Share of its load that a limb's fingers can bear. While the plan runs its clock sees to it that they press; before,
+/// somebody may hold the robot to the wall while they close.
+double pressed(const CycleView& now, int limb) noexcept {
+  const LimbReference& reference = now.reference.limbs[limb];
+  if (now.started || reference.point_foot || !reference.gripping()) return 1.0;
+  return std::clamp(now.limbs[limb].fingers().force_N() / now.robot.control.min_grasp_force_N, 0.0, 1.0);
+}
+
 }  // namespace
 
 PerLimb<Wrench> balanced(const CycleView& now, const PerLimb<Bearer>& bearers) noexcept {
@@ -41,8 +51,10 @@ PerLimb<Wrench> shared(const CycleView& now, const Grips& grips, LoadSharing& sh
     capacities[l] = now.limbs[l].capacity(grips.known_contact(now, l), rotation_WB, now.plan->gravity_W_m_s2);
     capacities[l].max_torque_Nm *= torque_share;
   }
-  return sharing.within_limits(balanced(now, bearing), bearing, capacities, now.com_W_m, rotation_WB,
-                               now.robot.control);
+  PerLimb<Wrench> wrenches =
+      sharing.within_limits(balanced(now, bearing), bearing, capacities, now.com_W_m, rotation_WB, now.robot.control);
+  for (int l = 0; l < kLimbs; ++l) wrenches[l] = wrenches[l] * pressed(now, l);
+  return wrenches;
 }
 
 PerLimb<Wrench> wrench_errors(const CycleView& now, const Grips& grips, double engagement) noexcept {
@@ -54,7 +66,7 @@ PerLimb<Wrench> wrench_errors(const CycleView& now, const Grips& grips, double e
     const LimbController& limb = now.limbs[l];
     positions_W_m[l] = limb.anchor_W_m(reference);
     if (now.health.force_torque_distrusted[l] || limb.rigid()) continue;
-    loads[l] = grips.load(now, l, reference);
+    loads[l] = grips.load(now, l, reference) * pressed(now, l);
     if (!now.health.hold_lost[l] && !grips.slip(l).slips() && (reference.gripping() || reference.closing()))
       errors[l] = (limb.wrench_W() - now.wrenches_W[l]) * engagement;
   }

@@ -111,10 +111,12 @@ void LimbController::pose_error(const LimbReference& reference, const Pose& body
   angle_rad = rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()).norm();
 }
 
-void LimbController::engage(const LimbReference& reference, const Pose& body_W) noexcept {
+void LimbController::engage(const LimbReference& reference, const Pose& body_W, bool begun) noexcept {
   const Pose gripper_W = body_W * state_.gripper_B;
   const Vector3 off_m = gripper_W.position_m - reference.gripper_position_W_m;
-  found_ = in_contact_ = on_hold(reference);
+  in_contact_ = on_hold(reference);
+  to_touch_ = in_contact_ && !begun && !reference.point_foot && !presses();
+  found_ = in_contact_ && !to_touch_;
   find_turn(gripper_W.rotation, reference);
   beside_W_m_.setZero();
   back_ = reference.back;
@@ -219,7 +221,8 @@ bool LimbController::follow_contact(const LimbReference& reference, const Pose& 
   pulled_ = pulled;
   aim_W_ = aim_W;
   if (!contact || found_) return false;
-  found_ = reference.point_foot || reference.phase != LimbPhase::kLoad;
+  to_touch_ = to_touch_ && !presses();
+  found_ = reference.point_foot || (reference.phase != LimbPhase::kLoad && !to_touch_);
   if (!reference.point_foot) grip_at(place_W_m, target_W(reference), reference);
   if (found_) find_turn(body_estimate_W.rotation * state_.gripper_B.rotation, reference);
   return found_;

@@ -34,8 +34,9 @@ class LimbController {
   void sense_wrench(const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2, double dt_s) noexcept;
 
   /// Control begins: whatever the gripper is off its reference becomes offset, so that the first command is the pose
-  /// measured and the first torque the one measured.
-  void engage(const LimbReference& reference, const Pose& body_W) noexcept;
+  /// measured and the first torque the one measured. Unless the plan has `begun`, the gripper is on its hold only once
+  /// its fingers press: somebody may hold the robot to the wall while they close.
+  void engage(const LimbReference& reference, const Pose& body_W, bool begun) noexcept;
 
   /// What the run before knew of the limb: the bias of its force/torque sensor and, where it grips, where and how far
   /// its fingers are open there.
@@ -170,6 +171,7 @@ class LimbController {
     Vector3 offset_m() const { return known ? Vector3(found_W_m - planned_W_m) : Vector3::Zero(); }
   };
 
+  bool presses() const noexcept { return fingers_.force_N() >= control_.min_grasp_force_N; }
   /// The commands are these angles, and do not move.
   void stay_at(const JointVector& q_rad) noexcept;
   Pose target_W(const LimbReference& reference) const noexcept;
@@ -219,8 +221,9 @@ class LimbController {
   bool in_contact_ = false;  ///< aims from the commanded body pose
   bool pulled_ = false;      ///< does so too, though the plan does not count it as in contact yet
   bool found_ = false;
-  Pose goal_B_;  ///< of the gripper, by the last command that moved
-  IkResult ik_;  ///< its q is the command before the engagement blend
+  bool to_touch_ = false;  ///< not found before the fingers press
+  Pose goal_B_;            ///< of the gripper, by the last command that moved
+  IkResult ik_;            ///< its q is the command before the engagement blend
   JointVector command_q_rad_ = JointVector::Zero();
   JointVector command_dq_rad_s_ = JointVector::Zero();
   JointVector setpoint_lead_rad_ = JointVector::Zero();  ///< so that the nodes' filter comes out where the command is

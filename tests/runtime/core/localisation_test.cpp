@@ -164,7 +164,7 @@ TEST(LimbController, CommandsAreTheSameWhereverTheWorldIsCountedFrom) {
   ObedientPlant plant(plan);
   for (LimbController* limb : {&still, &moved}) {
     limb->sense(plant.input());
-    limb->engage(reference, body);
+    limb->engage(reference, body, true);
   }
   moved.relocate(motion, reference);
   const Wrench error = {{3.0, 1.0, -2.0}, {0.1, 0.0, 0.2}};

@@ -28,6 +28,47 @@ class Loop : public testing::Test {
   Climber run_{sample_plan()};
 };
 
+/// Somebody holds the robot to the wall before the plan begins, and its limbs sag under their own weight.
+class Held : public testing::Test {
+ protected:
+  void hold(int cycles, bool presses) {
+    for (int i = 0; i < cycles; ++i) {
+      for (int l = 0; l < kLimbs; ++l) {
+        if (!presses) loosen(run_.plant.input(), l);
+        run_.plant.input().joint_position_rad[kJoints * l + 1] += kSags_rad;
+      }
+      run_.step();
+    }
+  }
+  double most_borne_N() const {
+    double most_N = 0.0;
+    for (const auto& limb : run_.result.telemetry) most_N = std::max(most_N, Vector3(limb.force_reference_w_n).norm());
+    return most_N;
+  }
+  double body_off_m() const {
+    const crux_msgs::robot_state_t& state = run_.result.state;
+    return (Vector3(state.body_position_w_m) - Vector3(state.body_reference_position_w_m)).norm();
+  }
+
+  static constexpr double kSags_rad = 0.001;  // more in each cycle; the nodes take a part of it back
+  Climber run_{sample_plan()};
+};
+
+TEST_F(Held, LimbsBearNothingBeforeTheirFingersPress) {
+  hold(400, false);
+  ASSERT_EQ(run_.core.state(), SupervisorState::kReady);
+  EXPECT_LT(most_borne_N(), 3.0) << "half a newton of squeeze bears little";
+  hold(400, true);
+  EXPECT_GT(most_borne_N(), 20.0);
+}
+
+TEST_F(Held, TheirPlacesAreWhereTheFingersBeginToPress) {
+  hold(400, false);
+  EXPECT_LT(body_off_m(), 1e-6) << "limbs that sag in the air say nothing of the body";
+  hold(400, true);
+  EXPECT_LT(body_off_m(), 2e-4);
+}
+
 TEST_F(Loop, LimbsYieldToASqueezeBetweenThem) {
   const Vector3 line = (gripper_W_m(1) - gripper_W_m(0)).normalized();
   const Vector3 before = offset_m(0), other = offset_m(1);
@@ -167,7 +208,7 @@ TEST(LimbController, CommandsLeadByWhatTheNodesFilterLags) {
   LimbController limb(robot(), 1);
   ObedientPlant plant(plan);
   limb.sense(plant.input());
-  limb.engage(reference, body);
+  limb.engage(reference, body, true);
   LimbKinematics kinematics(robot().limbs[1]);
   const double dt_s = 0.002, share = setpoint_share(dt_s);
   JointVector setpoint, velocity = JointVector::Zero(), before;
@@ -206,7 +247,7 @@ JointVector commands_as_the_body_moves(bool pulled, const Vector3& moved_m) {
   reference.gripper_position_W_m = Vector3(start.gripper_position_w_m);
   reference.gripper_yaw_W_rad = start.gripper_yaw_w_rad;
   limb.sense(in);
-  limb.engage(reference, body_W);
+  limb.engage(reference, body_W, true);
   const auto commands_rad = [&](const Vector3& off_m, bool pulls) {
     limb.follow_contact(reference, {body_W.rotation, body_W.position_m + off_m}, body_W, pulls);
     limb.drive(reference, {}, {0.0, 0.0, -9.81}, body_W, 1.0, 0.002);
@@ -235,7 +276,7 @@ TEST(LimbController, DoesNotYieldFurtherThanItReaches) {
   reference.gripper_position_W_m = Vector3(start.gripper_position_w_m);
   reference.gripper_yaw_W_rad = start.gripper_yaw_w_rad;
   limb.sense(in);
-  limb.engage(reference, body_W);
+  limb.engage(reference, body_W, true);
   crux_msgs::limb_telemetry_t telemetry{};
   crux_msgs::control_output_t out{};
   // The reference wanders out of reach while the hold pulls the same way.
