@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+import yaml
+from climbs import climb_here
+from crux_contracts.plan_file import write_plan
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import parse_scenario
 from crux_simulation.sim.judge import pad_travel
+from crux_tools.paths import SCENARIOS
 from crux_tools.robot3d.wall import add_wall
+from shared_plans import unproven
 
 LEAN_RAD = np.radians([30.0, 10.0, 0.0, 40.0])
 SIZE_M = np.array([0.09, 0.1, 0.05])
@@ -81,3 +89,24 @@ def test_sliding_up_a_leaning_face_is_travel_and_pressing_deeper_is_none() -> No
         )
         found = pad_travel(pads, np.array([0]), 5.0, sides=sides)
         assert found[0] == pytest.approx(travel, abs=1e-12)
+
+
+def leaning_ceiling(lean_deg: float) -> str:
+    """The shipped ceiling, the faces of its holds leaning so along x."""
+    scene = yaml.safe_load((SCENARIOS / "climb-ceiling.yaml").read_text(encoding="utf-8"))
+    del scene["wall"]
+    for hold in scene["holds"]:
+        hold["pose"] = {"position_m": [*hold.pop("position_m"), 0.0]}
+        hold["shape"] = {"box_m": [0.09, *hold.pop("size_m")[1:]], "lean_deg": {"+x": lean_deg, "-x": lean_deg}}
+    surface = {"name": "wall", "plane": {"point_m": [0, 0, 0], "normal": [0, 0, 1]}}
+    return yaml.safe_dump(scene | {"version": 2, "gravity_m_s2": [0, 0, 9.81], "surfaces": [surface]})
+
+
+@pytest.mark.sweep
+def test_on_a_ceiling_the_fingers_close_where_the_plan_has_them(tmp_path: Path) -> None:
+    """While the robot is held to it, grippers that left their places would grip beside them on faces that lean."""
+    plan = tmp_path / "plan.mcap"
+    write_plan(plan, unproven(parse_scenario(leaning_ceiling(20.0), "ceiling.yaml"), load_robot("scaler")).plan)
+    status, climbed = climb_here(plan, tmp_path / "log.mcap")
+    assert (status, climbed["slips"], climbed["fell"]) == (0, 0, False)
+    assert climbed["tracking"]["body_rms_m"] < 0.002

@@ -12,6 +12,7 @@ import trimesh
 from crux_contracts.robot import Robot, load_robot
 from crux_simulation.wall.frame import Placed, placed
 from crux_simulation.wall.places import Limits, Places, bodies, find_places
+from crux_simulation.wall.planes import planes
 from crux_simulation.wall.read import read_surface
 from scipy.optimize import linprog
 
@@ -109,7 +110,7 @@ def seen(prisms: list[Prism], noise_m: float, form: str, folder: Path) -> Placed
 
 
 def places_of(wall: Placed, robot: Robot) -> Places:
-    return find_places(wall.surface, bodies(wall.surface), robot, Limits())[0]
+    return find_places(wall.surface, bodies(wall.surface, planes(wall.surface.samples)), robot, Limits())[0]
 
 
 def matched(prisms: list[Prism], wall: Placed, places: Places) -> list[tuple[int, int] | None]:

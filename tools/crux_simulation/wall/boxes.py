@@ -4,6 +4,7 @@ a hold lean in as the surface does.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,9 +50,16 @@ class Box:
         return any(self.faces)
 
 
-def boxes(surface: Surface, of: Indices, places: Places, reason: Indices, robot: Robot) -> list[Box]:
+def boxes(
+    surface: Surface,
+    of: Indices,
+    places: Places,
+    reason: Indices,
+    robot: Robot,
+    others: Sequence[tuple[str, Array, str]] = (),
+) -> list[Box]:
     """All bodies as cuboids that stand apart, holds first, the best ones before others; `of`, `places` and `reason` are
-    those of `bodies` and `find_places`.
+    those of `bodies` and `find_places`. `others`: name, points and reason of what else is in the way.
     """
     found: list[Box] = []
     why = [CUBOID if stage == TAKEN else REASONS[stage] for stage in reason]
@@ -76,6 +84,8 @@ def boxes(surface: Surface, of: Indices, places: Places, reason: Indices, robot:
             _cover(found, lanes, f"beside-{name}", outside, f"a part of {name} that its cuboid leaves out")
         else:
             _cover(found, lanes, f"body-{body + 1}", points, why[body])
+    for name, points, words in others:
+        _cover(found, lanes, name, points, words)
     return found
 
 

@@ -30,7 +30,8 @@ def add_import(actions: Any) -> None:
         **taught(
             "Makes a scenario of a mesh (STL, OBJ, PLY, glTF, OFF), a cloud of points at most 8 mm apart (PLY, PCD, "
             "XYZ, npz with xyz_m), or a height map (npy, npz, PNG, TIFF, GeoTIFF; rows are y, columns x). The plane "
-            "that most of it lies in becomes the wall. Every body that stands on it "
+            "that most of it lies in becomes the wall; bodies on other planes are left out, and what of them stands "
+            "out of it becomes obstacles. Every body that stands on it "
             "becomes a hold where the robot's gripper can take it upright: two patches that are opposite, flat, "
             "and within its opening, with space for fingers and palm. All others become obstacles, with the "
             "reason. Of a board's table (CSV with the columns name, x_m up, y_m left, yaw_deg, size_x_m, "
@@ -129,6 +130,10 @@ def _described(found: Any) -> dict[str, Any]:
                 "tilt_deg": [math.degrees(tilt) for tilt in box.tilt_rad],
             }
             for box in found.boxes
+        ],
+        "elsewhere": [
+            {"name": body.name, "reason": body.reason, "position_m": body.position_m.tolist()}
+            for body in found.elsewhere
         ],
     }
 

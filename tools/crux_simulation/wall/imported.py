@@ -22,6 +22,7 @@ from crux_simulation.wall.board import read_board
 from crux_simulation.wall.boxes import Box, boxes
 from crux_simulation.wall.frame import Placed, placed
 from crux_simulation.wall.places import Limits, bodies, find_places
+from crux_simulation.wall.planes import Elsewhere, elsewhere, obstacles, planes
 from crux_simulation.wall.read import read_surface
 from crux_simulation.wall.stances import Stance, ends, stances
 from crux_simulation.wall.surface import Array
@@ -54,6 +55,7 @@ class Imported:
     stances: tuple[Stance, Stance] | str
     slope_deg: float
     wall: Placed | None
+    elsewhere: list[Elsewhere] = field(default_factory=list)
 
     @property
     def holds(self) -> list[Box]:
@@ -62,7 +64,9 @@ class Imported:
     @property
     def reasons(self) -> dict[str, int]:
         """How many bodies are no holds, by the reason."""
-        names = {box.name.split("-")[1]: box.reason for box in self.boxes if box.name.startswith("body-")}
+        bodies = [(box.name, box.reason) for box in self.boxes if box.name.startswith("body-")]
+        bodies += [(body.name, body.reason) for body in self.elsewhere]
+        names = {name.split("-")[1]: reason for name, reason in bodies}
         return dict(Counter(names.values()))
 
 
@@ -70,13 +74,14 @@ def imported(scan: Path, output: Path, options: Options) -> Imported:
     """Writes the scenario. Raises UsageError where the scan, or what is asked of it, cannot be."""
     robot = load_robot(options.robot)
     with progress(f"reading {scan.name}", 3) as bar:
-        wall = None
+        wall: Placed | None = None
+        others: list[Elsewhere] = []
         if scan.suffix.lower() == ".csv":
             found, slope_deg = read_board(scan), options.slope_deg
         else:
             wall = _placed(scan, options)
             bar.at(1)
-            found, slope_deg = _found(wall, robot, options), wall.slope_deg
+            (found, others), slope_deg = _found(wall, robot, options), wall.slope_deg
         if (most := max(Counter(box.is_hold for box in found).values(), default=0)) > MAX_CUBOIDS:
             hint = "cut the scan, or give the plane that the robot climbs by --outward"
             raise UsageError(f"{scan}: needs {most} holds or obstacles, expected at most {MAX_CUBOIDS} of each; {hint}")
@@ -91,7 +96,7 @@ def imported(scan: Path, output: Path, options: Options) -> Imported:
     )
     output.parent.mkdir(parents=True, exist_ok=True)
     write_whole(output, text.encode())
-    return Imported(found, chosen, slope_deg, wall)
+    return Imported(found, chosen, slope_deg, wall, others)
 
 
 def _placed(scan: Path, options: Options) -> Placed:
@@ -100,10 +105,17 @@ def _placed(scan: Path, options: Options) -> Placed:
     return placed(surface, outward, down, options.slope_deg)
 
 
-def _found(wall: Placed, robot: Robot, options: Options) -> list[Box]:
-    of = bodies(wall.surface)
+def _found(wall: Placed, robot: Robot, options: Options) -> tuple[list[Box], list[Elsewhere]]:
+    samples = wall.surface.samples
+    on = planes(samples)
+    of = bodies(wall.surface, on)
+    others = elsewhere(samples, on, of)
+    in_way = obstacles(samples, on, of, others)
+    of = np.where(on.of == 0, of, -1)
+    for each in others:
+        of[each.which] = -1
     places, reason = find_places(wall.surface, of, robot, options.limits)
-    return _with_friction(boxes(wall.surface, of, places, reason, robot), options.friction)
+    return _with_friction(boxes(wall.surface, of, places, reason, robot, in_way), options.friction), others
 
 
 def tilted(friction: float, tilt_rad: float) -> float:

@@ -13,12 +13,13 @@ import numpy as np
 from crux_contracts.robot import Robot
 from numpy.typing import NDArray
 
+from crux_simulation.wall.planes import ON_M, Planes
 from crux_simulation.wall.surface import SAMPLE_M, Array, Surface
 
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
-BODY_M = 0.01  # what stands farther off the plane belongs to a body
+BODY_M = ON_M  # what stands farther off its plane belongs to a body
 PROMINENCE_M = 0.008
 LEAST_SAMPLES = 12  # of a body; fewer are specks
 INSIDE_M = 5e-4  # rays that look through a body begin so far within it
@@ -81,14 +82,14 @@ class Places:
         return Places(**{name: each[which] for name, each in vars(self).items() if name != "merit"})
 
 
-def bodies(surface: Surface) -> Indices:
-    """By sample of the surface, the number of the body that it belongs to; -1 for the wall and for specks.
+def bodies(surface: Surface, on: Planes) -> Indices:
+    """By sample of the surface, the number of the body that it belongs to; -1 for the walls and for specks. Bodies on
+    the plane that is climbed come first, those on others after them.
 
-    From the highest sample down, each joins the body of a neighbour. Where two bodies meet, the lower one joins the
-    higher, unless it rises by `PROMINENCE_M` over where they meet: holds that touch are bodies of their own.
+    From the highest sample down, each joins the body of a neighbour on its plane. Where two bodies meet, the lower one
+    joins the higher, unless it rises by `PROMINENCE_M` over where they meet: holds that touch are bodies of their own.
     """
-    samples = surface.samples
-    height = samples.points[:, 2]
+    samples, height = surface.samples, on.height_m
     order = np.flatnonzero(height > BODY_M)
     order = order[np.argsort(-height[order], kind="stable")]
     neighbours = samples.tree.query_ball_point(samples.points[order], 2.0 * SAMPLE_M)
@@ -100,7 +101,8 @@ def bodies(surface: Surface) -> Indices:
         return sample
 
     for sample, around in zip(order.tolist(), neighbours, strict=True):
-        met = sorted({top(other) for other in around if other in peak}, key=lambda each: -height[each])
+        mine = (other for other in around if other in peak and on.of[other] == on.of[sample])
+        met = sorted({top(other) for other in mine}, key=lambda each: -height[each])
         peak[sample] = met[0] if met else sample
         for other in met[1:]:
             if height[other] - height[sample] < PROMINENCE_M:
@@ -108,8 +110,9 @@ def bodies(surface: Surface) -> Indices:
     found = np.full(len(height), -1)
     found[order] = [top(sample) for sample in order.tolist()]
     tops, sizes = np.unique(found[order], return_counts=True)
+    tops = tops[sizes >= LEAST_SAMPLES]
     number = np.full(len(height), -1)
-    number[tops[sizes >= LEAST_SAMPLES]] = np.arange(int((sizes >= LEAST_SAMPLES).sum()))
+    number[tops[np.argsort(on.of[tops], kind="stable")]] = np.arange(len(tops))
     return np.asarray(np.where(found >= 0, number[found], -1))
 
 
