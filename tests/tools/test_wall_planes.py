@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from crux_contracts.robot import load_robot
+from crux_simulation.wall.boxes import boxes
 from crux_simulation.wall.frame import Placed, placed
-from crux_simulation.wall.places import bodies
+from crux_simulation.wall.places import Places, bodies
 from crux_simulation.wall.planes import Elsewhere, elsewhere, planes
+from crux_simulation.wall.stances import Stance, ends
 from crux_simulation.wall.surface import Surface
 from crux_tools.cli import main
 
@@ -22,6 +25,10 @@ CLIMBED_M = [(-0.25, 0.15), (-0.1, -0.2)]  # holds on the plane that is climbed
 OTHER_M = [(0.15, 0.2), (0.3, -0.1)]  # on the second, from the edge on
 TURN = trimesh.transformations.euler_matrix(0.3, -0.8, 0.5)  # of the wall in its scan
 UP, OUT = TURN[:3, 0], TURN[:3, 2]
+ROBOT = load_robot("scaler")
+_NOWHERE = Surface(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
+_NONE, _PAIRS, _NUMBERS = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64)
+_NO_PLACES = Places(np.zeros((0, 3)), _NONE, _NONE, _PAIRS, _PAIRS, _PAIRS, _PAIRS, _NUMBERS)
 BLOCK = trimesh.creation.box((0.06, 0.06, 0.065))
 
 
@@ -123,3 +130,29 @@ def over(cuboid: dict[str, Any], place: np.ndarray) -> bool:
     x, y = off @ [np.cos(yaw), np.sin(yaw)], off @ [-np.sin(yaw), np.cos(yaw)]
     size = cuboid["size_m"]
     return bool(max(abs(x) - size[0] / 2.0, abs(y) - size[1] / 2.0) < 0.006 and place[2] < size[2] + 0.006)
+
+
+def test_a_vertical_plane_is_a_thin_obstacle() -> None:
+    """All its points are on one line, as seen from off the wall."""
+    along, height_m = np.linspace(-0.5, 0.5, 40), np.linspace(0.0, 0.8, 30)
+    points = np.array([[0.6 * a, 0.8 * a, z] for a in along for z in height_m])
+    found = boxes(_NOWHERE, _NUMBERS, _NO_PLACES, _NUMBERS, ROBOT, [("side", points, "there")])
+    assert [box.reason for box in found] == ["there"]
+    assert found[0].size_m == pytest.approx([1.0, 0.005, 0.8])
+    assert np.tan(found[0].yaw_rad) == pytest.approx(0.8 / 0.6)
+
+
+def test_the_goal_is_one_that_the_planner_takes() -> None:
+    """The highest ones that it refuses are passed over; those with the same grasps are asked about once."""
+    found = [Stance((0.1 * i, 0.0, 0.19), {"LF": (f"h{i // 2}", "x")}, 0.01 * i) for i in range(9)]
+    asked: list[str] = []
+
+    def refusal(stance: Stance) -> str:
+        asked.append(stance.grasps["LF"][0])
+        return "is blocked" if asked[-1] in ("h3", "h4") else ""
+
+    assert ends(found, refusal) == (found[0], found[4])
+    assert " ".join(asked) == "h0 h3 h4 h2"
+    assert ends(found[:2] + found[6:], refusal) == (
+        "a level body has four holds in reach at 5 places, but none of the 2 tried can be a goal; the first: is blocked"
+    )

@@ -24,6 +24,7 @@ LEANS_RAD = np.radians(5.0)  # faces that lean less are upright
 LEAST_TOP_M = 0.006
 STEEP = "its faces lean so much that its top is too small, or too low for the pads"
 LEAST_M, LEAST_POINTS = 0.012, 4  # of obstacles, smaller ones are specks
+ON_A_LINE = 1e-6  # of points' length, as far as they lie beside a line
 BEYOND_M = 0.008  # what reaches so far out of a hold's cuboid, at the pads' height or over it, is an obstacle
 CUBOID = "its grips are of no cuboid: the pads' height in a plan is not where they are"
 
@@ -230,8 +231,10 @@ def _beyond(hold: Box, points: Array, robot: Robot) -> Array:
 def _obstacle(name: str, points: Array, reason: str, yaw: float | None) -> Box:
     """The smallest upright cuboid about points, or the one of this yaw."""
     if yaw is None:
-        turn = np.linalg.inv(trimesh.bounds.oriented_bounds_2D(points[:, :2])[0])
-        yaw = float(np.arctan2(turn[1, 0], turn[0, 0]))
+        size, axes = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), full_matrices=False)[1:]
+        if size[1] > ON_A_LINE * size[0]:
+            axes = np.linalg.inv(trimesh.bounds.oriented_bounds_2D(points[:, :2])[0])[:2, :2].T
+        yaw = float(np.arctan2(axes[0, 1], axes[0, 0]))
     c, s = np.cos(yaw), np.sin(yaw)
     low, high = (edge(np.stack(_along(yaw, points[:, :2])), axis=1) for edge in (np.min, np.max))
     sizes = np.maximum(np.array([*(high - low), points[:, 2].max()]), 0.005)

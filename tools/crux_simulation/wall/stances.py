@@ -22,7 +22,7 @@ STEP_M = 0.05
 MARGIN_RAD = 0.05
 FOUND_M, FOUND_RAD = 1e-4, 1e-3
 MOST_POSES = 20_000  # of a limb; on larger walls the grid is coarser
-STARTS = 12  # that are tried
+STARTS = 12  # and goals, that are tried, no two with the same grasps
 
 
 @dataclass(frozen=True)
@@ -66,24 +66,29 @@ def stances(holds: list[Box], robot: Robot) -> list[Stance]:
 
 
 def ends(found: list[Stance], refusal: Callable[[Stance], str]) -> tuple[Stance, Stance] | str:
-    """A start in the lowest quarter of the wall, for which `refusal` is empty, and a goal in the highest; else what
-    there is no start for.
+    """A start in the lowest quarter of the wall and a goal in the highest, or the one below, for which `refusal` is
+    empty; else what there is none for.
     """
     if not found:
         return "no level body has four holds in reach"
     heights = np.array([stance.body_m[0] for stance in found])
-    low, high = heights.min() + (heights.max() - heights.min()) * np.array([0.25, 0.75])
-    starts = sorted((each for each in found if each.body_m[0] <= low), key=lambda each: each.off_m)
-    goal = min((each for each in found if each.body_m[0] >= high), key=lambda each: each.off_m)
-    refused: list[str] = []
-    for start in starts[:STARTS]:
-        if not (why := refusal(start)):
-            return start, goal
-        refused.append(why)
-    tried = (
-        f"a level body has four holds in reach at {len(found)} places, but none of the {len(refused)} low ones tried"
-    )
-    return f"{tried} can be a start; the first: {refused[0]}"
+    share = (heights - heights.min()) / max(float(np.ptp(heights)), 1e-9)
+    chosen = []
+    for end, quarters in (("a start", [share <= 0.25]), ("a goal", [share >= 0.75, (share >= 0.5) & (share < 0.75)])):
+        tried: dict[frozenset[tuple[str, tuple[str, str]]], str] = {}  # by grasps, why not
+        order = [i for within in quarters for i in sorted(np.flatnonzero(within), key=lambda i: found[i].off_m)]
+        for stance in (found[i] for i in order):
+            grasps = frozenset(stance.grasps.items())
+            if grasps in tried or len(tried) == STARTS:
+                continue
+            tried[grasps] = refusal(stance)
+            if not tried[grasps]:
+                chosen.append(stance)
+                break
+        else:
+            places = f"a level body has four holds in reach at {len(found)} places"
+            return f"{places}, but none of the {len(tried)} tried can be {end}; the first: {next(iter(tried.values()))}"
+    return chosen[0], chosen[1]
 
 
 Grip = tuple[str, str, Array, float]  # hold, faces, place of the gripper's middle (3,), yaw
