@@ -214,6 +214,26 @@ def test_meshes_become_capsules_and_masses_are_scaled(tmp_path: Path, capsys: py
     assert origin.attrib["xyz"] == "0.075 0 0"
 
 
+def test_speeds_of_no_motor_are_the_mappings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf, mapping = maker(tmp_path), tmp_path / "mapping.yaml"
+    text = urdf.read_text().replace('velocity="4.8"', 'velocity="1000"')
+    urdf.write_text(text.replace("<link", "<!-- <xacro:limb/> --><link", 1))
+    mapping.write_text(MAPPING)
+    words = ["robot", "import", str(urdf), "--mapping", str(mapping), "-o", str(tmp_path / "mine"), "--json"]
+    assert cli.main(words) == 0
+    assert json.loads(capsys.readouterr().out)["problems"] == []
+
+
+def test_meshes_do_not_hinder_an_import(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf = maker(tmp_path)
+    text = re.sub(r"<cylinder [^>]*/>", '<mesh filename="a.stl"/>', urdf.read_text())
+    urdf.write_text(text.replace('<axis xyz="0 0 1"', '<axis xyz="0 one"', 1))
+    assert cli.main(["robot", "import", str(urdf), "-o", str(tmp_path / "mine")]) == 2
+    said = capsys.readouterr().err
+    assert 'joint yaw: xyz="0 one": expected 3 finite numbers' in said
+    assert "<mesh>" not in said
+
+
 FIVE = """
 name: mine
 like: scaler

@@ -245,17 +245,24 @@ class _Reader:
             self.note(key, "", "needs a limit")
             return 0.0, 0.0, 0.0, 0.0
         turns = kind == "revolute"
+        speed, force = ("rad/s", "Nm") if turns else ("m/s", "N")
         most = _ANGLE if turns else _LENGTH
-        lower, upper = (self.numbers(limit, side, 1, "0", key, most)[0] for side in ("lower", "upper"))
-        velocity = self.numbers(
-            limit, "velocity", 1, None, key, _Most(bounds.MAX_SPEED, "rad/s" if turns else "m/s", "")
-        )[0]
-        effort = self.numbers(limit, "effort", 1, None, key, _Most(bounds.MAX_EFFORT, "Nm" if turns else "N", ""))[0]
+        lower, upper = (self.limit(limit, side, "0", key, most) for side in ("lower", "upper"))
+        velocity = self.limit(limit, "velocity", None, key, _Most(bounds.MAX_SPEED, speed, ""))
+        effort = self.limit(limit, "effort", None, key, _Most(bounds.MAX_EFFORT, force, ""))
         if not lower < upper:
             self.note(key, f"{lower:g}..{upper:g}", "expected lower below upper")
         if velocity <= 0 or effort <= 0:
             self.note(key, f"velocity {velocity:g}, effort {effort:g}", "expected positive limits")
         return lower, upper, velocity, effort
+
+    def limit(self, element: ET.Element, attribute: str, default: str | None, key: str, most: _Most) -> float:
+        """A number that is noted where it is too large, but not taken for one that cannot be read."""
+        value = self.numbers(element, attribute, 1, default, key)[0]
+        if abs(value) > most.value:
+            text = f'{attribute}="{element.get(attribute)}"'
+            self.note(key, text, f"expected at most {most.value:g} {most.unit}{most.hint}")
+        return value
 
 
 def shown(vector: Sequence[float]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from crux_contracts.robot_bounds import MAX_EFFORT, MAX_SPEED
 from crux_contracts.urdf import Joint
 from crux_contracts.yaml_document import Problem
 
@@ -47,14 +48,15 @@ class Facts:
             limits = (mapping.limits_rad[name][0], mapping.limits_rad[name][1])
         if not np.isfinite(limits).all() or not limits[0] < limits[1]:
             self.missing("limits_rad", "[low, high] of each; the URDF has none", name)
-        effort = self._value(mapping.effort_Nm, name, joint.effort, "effort_Nm", "peak torque")
-        speed = self._value(mapping.speed_rad_s, name, joint.velocity, "speed_rad_s", "greatest speed")
+        effort = self._value(mapping.effort_Nm, name, (joint.effort, MAX_EFFORT), "effort_Nm", "peak torque")
+        speed = self._value(mapping.speed_rad_s, name, (joint.velocity, MAX_SPEED), "speed_rad_s", "greatest speed")
         return JointFacts(limits, effort, speed)
 
-    def _value(self, given: dict[str, float], name: str, own: float, key: str, what: str) -> float:
-        value = given.get(name, own if own > 0 else given.get("default", 0.0))
+    def _value(self, given: dict[str, float], name: str, own: tuple[float, float], key: str, what: str) -> float:
+        """`own` is the URDF's, and the most that a motor may have: more says nothing of the motor."""
+        value = given.get(name, own[0] if 0 < own[0] <= own[1] else given.get("default", 0.0))
         if not value > 0:
-            self.missing(key, f"{what} of each, or default; the URDF has none above 0", name)
+            self.missing(key, f"{what} of each, or default; the URDF has none within 0..{own[1]:g}", name)
         return float(value)
 
     def finger(self, fingers: list[Finger]) -> JointFacts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from crux_tools.robot.facts import Facts, JointFacts
 from crux_tools.robot.mapping import Mapping, MappingError, read_mapping
 from crux_tools.robot.serial import NO_GRIPPER, Reader
 from crux_tools.robot.written import Hand, robot_yaml, urdf_text
+
+MESH = "<mesh>"  # of problems that an import has a cure for
 
 
 @dataclass(frozen=True)
@@ -32,12 +35,12 @@ def imported(urdf_path: Path, mapping_path: Path | None, folder: Path) -> Import
     problems: list[Problem] = []
     mapping = read_mapping(mapping_path, problems)
     text = read_bytes(urdf_path)
-    if b"<xacro:" in text:
+    if b"<xacro:" in re.sub(rb"<!--.*?-->", b"", text, flags=re.DOTALL):
         raise UsageError(f"{urdf_path}: is xacro: make a URDF of it first, by `xacro FILE -o robot.urdf`")
     root = parse_xml(text, str(urdf_path))
     urdf, found = read_urdf(root, str(urdf_path))
     if urdf is None:
-        raise MappingError(str(urdf_path), found)
+        raise MappingError(str(urdf_path), [each for each in found if not each.value.startswith(MESH)])
     if any(not getattr(mapping, key) for key in ("body_link", "limbs", "joints", "gripper", "fingers")):
         problems.append(_there(urdf, str(urdf_path)))
         raise MappingError(mapping.path, problems)
