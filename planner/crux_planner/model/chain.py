@@ -20,7 +20,7 @@ import numpy as np
 from crux_contracts.robot import Limb
 from crux_contracts.robot_types import AtZero
 
-from crux_planner.model import kept
+from crux_planner.model import chain_native, kept
 from crux_planner.model.arrays import Array, Flags, Indices
 
 STEP_M, STEP_RAD = 0.05, 0.35  # of the lattice
@@ -31,6 +31,7 @@ LARGEST_STEP_RAD = 0.5  # of Newton's method
 FARTHEST_RAD = 1.2  # between neighbours' angles: more is another branch
 CLOSE = 1e-9  # [m] and [rad] off a pose that is reached
 POSE = 6  # numbers of a pose
+LEAST_DAMPING, MOST_DAMPING = 1e-3, 0.1  # of Newton's method for an error of 1, from a neighbour, and from far away
 ITERATIONS, MOST_ITERATIONS = 7, 48  # from a neighbour, and from far away
 _DAMPING = 1e-10  # of the inverse Jacobian where a pose is reached
 _DAMPED = 1e-3  # and where it is not
@@ -160,7 +161,7 @@ class ChainInverse:
                     continue
                 node = np.stack(np.unravel_index(flat, shape), axis=1)
                 start = found[tuple(begin.T)]
-                q, ok = self._solved(start, *self._poses(node))
+                q, ok = self.from_near(start, *self._poses(node))
                 ok &= (np.abs(q - start).max(axis=1) < FARTHEST_RAD) & self._near_limits(q)
                 found[tuple(node[ok].T)] = q[ok]
                 tried.reshape(-1)[flat[ok]] = True
@@ -197,8 +198,22 @@ class ChainInverse:
         known = ~np.isnan(start[:, 0])
         q = np.tile(self.middle_rad, (place.shape[1], 1))
         reached = np.zeros(len(q), dtype=bool)
-        q[known], reached[known] = self._solved(start[known], place[:, known], turn[..., known])
+        q[known], reached[known] = self.from_near(start[known], place[:, known], turn[..., known])
         return q.reshape(*shape, len(self.middle_rad)), reached.reshape(shape)
+
+    def from_near(self, start: Array, place: Array, turn: Array) -> tuple[Array, Flags]:
+        """Angles (n, S) of poses (3, n), (3, 3, n) from those of poses near by, and whether they are reached on the
+        branch. By numpy where the compiled part is missing.
+        """
+        compiled = chain_native.library()
+        if compiled is None:
+            return self._solved(start, place, turn)
+        return chain_native.inverse(compiled, self._compiled, start, place.T, turn.transpose(2, 0, 1))
+
+    @cached_property
+    def _compiled(self) -> chain_native.Chain:
+        numbers = CLOSE, LEAST_DAMPING, LARGEST_STEP_RAD, ITERATIONS
+        return chain_native.chain(self.limb.at_zero, self._rule, self.middle_rad, self.sign, numbers)
 
     def seeds(self, q_rad: Array, reached: Flags) -> Array:
         """(n, 7 S) what smooth kinematics near solutions (n, S) start from: the angles and the inverse Jacobians."""
@@ -227,7 +242,7 @@ class ChainInverse:
             if not len(active):
                 break
             back = np.swapaxes(jacobian, 1, 2)
-            more = np.minimum(left[~here], 1.0) ** 2 * (0.1 if damped else 1e-3) + 1e-13
+            more = np.minimum(left[~here], 1.0) ** 2 * (MOST_DAMPING if damped else LEAST_DAMPING) + 1e-13
             normal = jacobian @ back + more[:, None, None] * np.eye(len(error))
             move = (back @ np.linalg.solve(normal, error.T[..., None]))[..., 0]
             most = np.abs(move).max(axis=1, keepdims=True)

@@ -12,6 +12,7 @@ from crux_contracts.robot_bounds import STILL_RAD
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
+from crux_planner.model import chain_native
 from crux_planner.model.build import build_problem
 from crux_planner.model.chain import chain_inverse, forward
 from crux_planner.model.kinematics import limit_margin
@@ -44,6 +45,25 @@ def test_a_pose_that_the_joints_make_is_found_and_no_turn_is_missing(robot: Robo
     same = np.abs(others.q_rad - found[reached, :own]).max(axis=1) < 1e-4
     assert others.position_error_m.max() < 1e-5
     assert same.mean() > 0.95  # the rest took another branch on the way
+
+
+def test_the_compiled_part_finds_what_numpy_finds(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert chain_native.library() is not None
+    for limb in robot.limbs:
+        own, random = len(limb.joints), np.random.default_rng(4)
+        low, high = limb.lower_rad, limb.upper_rad
+        q = low + random.uniform(-0.2, 1.2, (2000, len(low))) * (high - low)  # also beyond its limits, and turned off
+        q[:, own:] = random.uniform(-0.3, 0.3, q[:, own:].shape)
+        placed = forward(limb.at_zero, q)
+        poses = placed.gripper_m.T, np.moveaxis(placed.rotation, -1, 0)
+        found, reached = chain_inverse(limb).inverse(*poses)
+        with monkeypatch.context() as without:
+            without.setattr(chain_native, "library", lambda: None)
+            expected, exists = chain_inverse(limb).inverse(*poses)
+        assert 0.02 < exists.mean() < 0.98
+        assert (reached == exists).mean() > 0.999  # the error of the last step is about what counts as none
+        both = reached & exists
+        np.testing.assert_allclose(found[both], expected[both], atol=1e-7)
 
 
 def test_a_turn_that_no_joint_makes_is_no_reach(tmp_path: Path) -> None:
