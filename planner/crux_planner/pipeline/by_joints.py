@@ -39,10 +39,13 @@ ROUNDS = 6  # of the exact P1 and its check
 UNLIMITED = JointLimits.about(np.zeros((0, BODY_STATES)), PLAN_RAD)  # of functions that have no schedule yet
 _BETWEEN_RAD = 0.01  # margin at a moment at which a plan was refused: between those looked at, joints are no farther
 _MORE_RAD, _MORE_M = 0.01, 0.0015  # beyond what the check misses at a moment looked at
+_OUT_S = 1.0  # about a moment at which a limb is out of reach
 _MOST_APART_M = 0.012  # from where the path is kept to
 _SAME_SHARE = 0.15  # of an interval, within which moments are one
-_ANSWERED = ("joint_position", "inverse_kinematics", "clearance_limbs")
+_UNREACHED = ("inverse_kinematics", "inverse_kinematics_orientation")
+_ANSWERED = ("joint_position", *_UNREACHED, "clearance_limbs")
 _STRETCHED_RAD = 0.02  # off a straight elbow where the check finds a gripper beyond reach
+_ALONG_M = 0.02  # of the map's path, where limbs have no closed form
 _NEAR_M = 0.02  # of the map's path, where links come too near to each other; a quarter of it the second time
 
 
@@ -70,7 +73,10 @@ def solve_by_joints(
         if solution.status == TOO_WEAK:
             return Ended(max(solution.torque_shares.items(), key=lambda each: each[1])[0][0], by_places=True)
         if not solution.solved:
-            return refused
+            if (along := _along_path(problem, limits)) is None:
+                return refused
+            limits, start = along, first
+            continue
         with work.part("message", 0.8):
             message = plan_message(session.scenario, session.robot, problem, schedule, solution, session.method)
         with work.part("check", 0.8):
@@ -86,11 +92,23 @@ def solve_by_joints(
         again = (answer.near_m != limits.near_m).any()
         easier = _easier(problem, replace(report, violations=others), schedule, solution.body) if others else None
         if others and easier is None:
-            return refused
+            if (along := _along_path(problem, limits)) is None:
+                return refused
+            limits, start = along, first
+            continue
         limits, problem = answer, easier or problem
         torques_Nm = np.minimum(problem.torque_limits_Nm, solution.torque_limits_Nm)
         problem, start = replace(problem, torque_limits_Nm=torques_Nm), first if again else solution.start
     return refused
+
+
+def _along_path(problem: Problem, limits: JointLimits) -> JointLimits | None:
+    """The limits with the body near its first path all along, where limbs have no closed form: angles mean something
+    where a limb's branch reaches, and only there does the program find its way. None where the body is near already.
+    """
+    if problem.closed_form or (limits.near_m <= _ALONG_M).all():
+        return None
+    return replace(limits, near_m=np.minimum(limits.near_m, _ALONG_M))
 
 
 def _worst(report: CheckReport, dt_s: float) -> Ended | None:
@@ -123,7 +141,11 @@ def _answered(
     is at a time, and the body's pose.
     """
     others, moments, near_m = list[Violation](), list(limits.moments), limits.near_m.copy()
+    unreached = [each.time_s for each in report.violations if each.constraint in _UNREACHED and each.time_s is not None]
     for each in report.violations:
+        beside = each.time_s is not None and any(abs(each.time_s - time_s) <= _OUT_S for time_s in unreached)
+        if beside and each.constraint not in _ANSWERED:
+            continue  # of a posture that is none: to be seen where the limb reaches
         if each.time_s is None or each.constraint not in _ANSWERED:
             others.append(each)
             continue

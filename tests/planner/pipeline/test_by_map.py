@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,9 +15,9 @@ from crux_planner.checker import CheckReport, Violation
 from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
-from crux_planner.model.problem import BODY_STATES
+from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Move, stance_after
-from crux_planner.pipeline.by_joints import _answered
+from crux_planner.pipeline.by_joints import _along_path, _answered
 from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD, _ByMap, _turned
 from crux_planner.reach.arm import reaches_of
 from crux_planner.search.ends import level_aims
@@ -65,6 +66,32 @@ def test_what_the_check_finds_is_answered_at_its_moment() -> None:
     nowhere, others = _answered(limits, CheckReport(violations=said), seen, lambda _pose, _hands: None)
     assert others == said[2:]
     assert len(nowhere.moments) == 2
+
+
+def test_what_follows_from_a_limb_out_of_reach_is_no_cause_of_its_own() -> None:
+    limits = JointLimits.about(np.zeros((8, BODY_STATES)), 0.02)
+    said = [
+        Violation("inverse_kinematics_orientation", "LR", None, 9.0, 0.1, "rad"),
+        Violation("moment_balance", None, None, 9.5, 0.2, "N m"),
+        Violation("moment_balance", None, None, 13.0, 0.2, "N m"),
+    ]
+
+    def seen(time_s: float) -> tuple[Moment, Array]:
+        return Moment(int(time_s // 2), time_s % 2 / 2, np.zeros((4, 4)), np.full((4, JOINTS), 0.02)), np.ones(6)
+
+    answer, others = _answered(limits, CheckReport(violations=said), seen, lambda pose, _hands: pose)
+    assert others == said[2:]
+    assert [(m.interval, m.share) for m in answer.moments] == [(4, 0.5)]
+
+
+def test_only_limbs_without_a_closed_form_keep_to_the_path_where_there_is_no_plan() -> None:
+    limits = JointLimits.about(np.zeros((8, BODY_STATES)), 0.02)
+    closed, other = (cast(Problem, SimpleNamespace(closed_form=form)) for form in (True, False))
+    assert _along_path(closed, limits) is None
+    near = _along_path(other, limits)
+    assert near is not None
+    assert np.isfinite(near.near_m).all()
+    assert _along_path(other, near) is None
 
 
 def test_a_goal_is_aimed_at_within_its_tolerances_where_its_middle_has_no_stance(robot: Robot) -> None:
