@@ -32,6 +32,7 @@ SPARE = (1, 0)  # places of the map about the step, where there are such walls a
 STEP_M, LEVELS, YAW_STEP_DEG = 0.02, 3, 15  # of the maps that are looked at
 HOLD_M, PATCH_M = 0.06, 0.02  # edge of a hold, radius of a patch
 SPARE_M = 0.005  # of a hold above the pads' patches
+LIMIT_S = 120  # of a plan with limbs without a closed form
 HORIZON = {"steps": 80, "dt_s": 2.0}
 
 
@@ -77,6 +78,7 @@ class FirstWall:
             "holds": holds,
             **ends,
             "horizon": HORIZON,
+            **({} if self.robot.closed_form else {"planner": {"time_limit_s": LIMIT_S}}),
         }
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 SLOPES_DEG = (90, 75, 60, 45, 30, 15, 0)
 MOST_SHARE = 0.75  # of the peak torques on three limbs: the planner keeps a quarter
-TRIES, LIMIT_S = 3, 60.0  # slopes that are planned, and CPU seconds for each
+TRIES = 3  # slopes that are planned
 ASIDE = (-0.5, 0.0, 0.5)  # steps by which the body may be below or above its holds' middle for a lift
 
 
@@ -49,7 +49,7 @@ def fitted(robot: Robot, model: WholeRobot, friction: float, path: Path) -> Find
         _, share, chosen = min(borne)  # the longest step
         document, tries = walls[chosen].document(slope, friction), tries + 1
         try:
-            plan(document, robot, time_limit_s=LIMIT_S)
+            plan(document, robot)
         except InfeasibleError as none:
             found, remedy = (
                 f"no plan for those that fit, as on {slope} degrees: {none}",
