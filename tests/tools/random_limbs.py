@@ -12,9 +12,10 @@ INERTIAL = (
 )
 
 
-def urdf(family: str, joints: int, seed: int) -> str:
-    """A limb of 4 to 7 joints j1.. from link base to link tip. Some joints are continuous, some behind a fixed one."""
-    rng = np.random.default_rng(seed)
+def drawn(family: str, joints: int, rng: np.random.Generator) -> tuple[list[Array], list[Array], list[Array]]:
+    """Of a limb: its joints' axes, and the places [m] and turns [rad] of its joints and the tip, each in the one before
+    it.
+    """
     axes = [_unit(rng) for _ in range(joints)]
     xyz = [rng.uniform(-0.2, 0.2, 3) for _ in range(joints + 1)]
     rpy = [rng.uniform(-np.pi, np.pi, 3) for _ in range(joints + 1)]
@@ -25,6 +26,13 @@ def urdf(family: str, joints: int, seed: int) -> str:
     elif family == "three parallel":
         axes[1:4] = [rng.choice([-1.0, 1.0]) * np.array([0.0, 0.0, 1.0]) for _ in range(3)]
         rpy[2], rpy[3] = rpy[2] * [0.0, 0.0, 1.0], rpy[3] * [0.0, 0.0, 1.0]
+    return axes, xyz, rpy
+
+
+def urdf(family: str, joints: int, seed: int) -> str:
+    """A limb of 4 to 7 joints j1.. from link base to link tip. Some joints are continuous, some behind a fixed one."""
+    rng = np.random.default_rng(seed)
+    axes, xyz, rpy = drawn(family, joints, rng)
     parts, parent = ['<robot name="random"><link name="base"/>'], "base"
 
     def hang(name: str, kind: str, child: str, place: tuple[Array, Array], more: str = "") -> None:
