@@ -274,7 +274,7 @@ class StageProblem:
         """Reach (B, m) on the way to the next poses and its slopes (B, m, 12); what bends is added to the Hessian."""
         at, share = self.between.intervals, self.between.share[:, None]
         if not len(at):
-            return self.between.low, np.zeros((0, 0, BODY_STATES))
+            return self.between.low, np.zeros((*self.between.low.shape, BODY_STATES))
         pose = body[at, :POSE] + share * (step[at, :POSE] - body[at, :POSE]) + self.between.off
         first = np.eye(POSE, BODY_STATES)
         by_state = first + share[..., None] * (state_map[at, :POSE] - first)

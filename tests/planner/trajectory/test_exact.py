@@ -98,6 +98,16 @@ def test_numbers_that_are_no_longer_finite_end_it() -> None:
     assert not minimise(stages, point, clock.now() + 60).solved
 
 
+def test_a_window_beside_the_moments_between_knots_is_solved_without_them() -> None:
+    stages, point = stages_at_random(6)
+    window = stages.window(10, 20, point.body)
+    assert window.between.low.shape == (0, stages.between.low.shape[1])
+    begin = point.body[10:21], point.columns[10:20]
+    at = window.derivatives(*begin, point.multipliers[10:20], np.zeros_like(window.low))
+    assert np.isfinite(window.dual_residual(at, point.multipliers[10:20], np.zeros_like(window.low)))
+    assert len(window.change(at, *begin)) == len(window.low)
+
+
 def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest.MonkeyPatch) -> None:
     stages, point = stages_at_random(3)
     random = np.random.default_rng(4)
