@@ -275,7 +275,15 @@ void ControlCore::advance_clock(double dt_s) noexcept {
   for (int l = 0; l < kLimbs; ++l) events[l] = limbs_[l].events(reference_.limbs[l], body_.body_W(), dt_s);
   if (!started_) settle(events, dt_s);
   if (started_) {
-    grips_.judge(view(), clock_, limbs_, events, dt_s);
+    PerLimb<Vector3> arms_W_m;
+    PerLimb<bool> unsure;
+    for (int l = 0; l < kLimbs; ++l) {
+      arms_W_m[l] = limbs_[l].gripper_W_m(body_.body_W()) - body_.body_W().position_m;
+      unsure[l] = localisation_.unsure_of_height(arms_W_m[l]);
+    }
+    grips_.judge(view(), clock_, limbs_, unsure, events, dt_s);
+    if (const auto [limb, high_m] = grips_.touched(); limb >= 0)
+      localisation_.touch(body_.body_W().position_m, arms_W_m[limb], high_m);
     clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
   }
   // A pull takes as long as its load is heavy, and ends by itself.
@@ -298,6 +306,7 @@ void ControlCore::locate(double dt_s) noexcept {
   Vector3 force_W_N = Vector3::Zero();
   bool known = supervisor_.state() == SupervisorState::kClimbing;
   for (int l = 0; l < kLimbs; ++l) {
+    known = known && !grips_.touches_wall(l);
     if (!limbs_[l].in_contact() && !reference_.limbs[l].closing()) continue;
     force_W_N += limbs_[l].wrench_W().force_N;
     known = known && limbs_[l].force_torque_tared() && !faults_.health().force_torque_distrusted[l];

@@ -18,6 +18,16 @@ constexpr double kBlend_s = 1.0;
 constexpr double kWeightTolerance = 0.25;
 // Shorter looks at the forces say too little.
 constexpr double kLeastLook_s = 1.0;
+// Grippers touch the wall once their height is worse known than a hold's place by this factor: a little worse than a
+// fit to four holds knows it.
+constexpr double kUnsure = 1.5;
+
+/// By what a point at `arm_W_m` from the body moves along `axis_W` with (t, θ).
+Vector6 moved_along(const Vector3& axis_W, const Vector3& arm_W_m) noexcept {
+  Vector6 direction;
+  direction << axis_W, arm_W_m.cross(axis_W);
+  return direction;
+}
 
 }  // namespace
 
@@ -55,9 +65,17 @@ void MapLocalisation::grasp(const Vector3& body_W_m, const Vector3& arm_W_m, con
   covariance_.diagonal().tail<3>().array() += std::pow(parameters_.grasp_sigma_rad, 2);
   take_tilt();
   // Truly the gripper is where the hold is: axis·(t + θ × arm) = −offset.
-  Vector6 direction;
-  direction << axis_W, arm_W_m.cross(axis_W);
-  take(direction, -offset_m, parameters_.hold_sigma_m);
+  take(moved_along(axis_W, arm_W_m), -offset_m, parameters_.hold_sigma_m);
+}
+
+void MapLocalisation::touch(const Vector3& body_W_m, const Vector3& arm_W_m, double offset_m) noexcept {
+  carry_to(body_W_m);
+  take(moved_along(Vector3::UnitZ(), arm_W_m), -offset_m, parameters_.hold_sigma_m);
+}
+
+bool MapLocalisation::unsure_of_height(const Vector3& arm_W_m) const noexcept {
+  const Vector6 direction = moved_along(Vector3::UnitZ(), arm_W_m);
+  return direction.dot(covariance_ * direction) > std::pow(kUnsure * parameters_.hold_sigma_m, 2);
 }
 
 void MapLocalisation::carry_to(const Vector3& body_W_m) noexcept {

@@ -1,7 +1,7 @@
 // Where the map of the holds lies in the world the estimate counts in. The stance tells how the body moves from grasp
-// to grasp, but what the pads give under load is carried on from hold to hold. Two measurements know better: a gripper
-// that has closed is centred on its hold along the opening axis, and the contact forces together bear the weight,
-// straight down.
+// to grasp, but what the pads give under load is carried on from hold to hold. Three measurements know better: a
+// gripper that has closed is centred on its hold along the opening axis, one that touches the wall is at its height,
+// and the contact forces together bear the weight, straight down.
 #pragma once
 
 #include "core/robot/geometry.hpp"
@@ -27,6 +27,13 @@ class MapLocalisation {
   /// A gripper at `arm_W_m` from the body has closed and is `offset_m` off the planned place along `axis_W`. One more
   /// grasp's errors are added before; what was felt since the last grasp is taken in as well.
   void grasp(const Vector3& body_W_m, const Vector3& arm_W_m, const Vector3& axis_W, double offset_m) noexcept;
+
+  /// A gripper at `arm_W_m` from the body touches the wall, or its hold's top, and is `offset_m` higher than that makes
+  /// it.
+  void touch(const Vector3& body_W_m, const Vector3& arm_W_m, double offset_m) noexcept;
+
+  /// Whether the height off the wall of a gripper at `arm_W_m` from the body is so little known that it should touch.
+  bool unsure_of_height(const Vector3& arm_W_m) const noexcept;
 
   /// What of the estimate's motion is due in this cycle, as a motion of W about `body_W_m`. Takes it off the rest.
   Pose correction(const Vector3& body_W_m, double dt_s) noexcept;

@@ -14,6 +14,10 @@ constexpr double kMostTorque = 0.95;
 constexpr double kBlocked_s = 0.3;
 // Share of the fingers' opening from which on it is a finger that stands on something, not the hand.
 constexpr double kFinger = 0.6;
+// Between fingers that touch the wall and what else stands there.
+constexpr double kAside_m = 0.01;
+// By its joints' limits a gripper is kept from where it is to be.
+constexpr double kKept_m = 0.002;
 
 /// Grasp force that each limb's share of the load needs.
 PerLimb<double> needs_N(const CycleView& now) noexcept {
@@ -67,6 +71,10 @@ void Grips::pull_new_grasps(const CycleView& now, PerLimb<LimbController>& limbs
     }
     // Beside a hold's edge there is nothing to grip: then it reaches to the other side.
     const bool misses = retry_.tried(l) && limbs[l].fingers().finds_no_hold(reference, now.started);
+    if (!climbs && touches_[l].busy()) {
+      touches_[l].reset();
+      limbs[l].aim_beside(searches_[l].beside_W_m(), reference);
+    }
     if (climbs && (misses || pull_.result(l) == GraspPull::Result::kFailed) && retry_.begin(l)) {
       pull_.forget(l);
       limbs[l].aim_beside(searches_[l].beside_W_m() + retry_.shift_W_m(reference), reference);
@@ -74,12 +82,14 @@ void Grips::pull_new_grasps(const CycleView& now, PerLimb<LimbController>& limbs
   }
 }
 
-void Grips::judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, PerLimb<LimbEvents>& events,
-                  double dt_s) noexcept {
+void Grips::judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, const PerLimb<bool>& unsure,
+                  PerLimb<LimbEvents>& events, double dt_s) noexcept {
+  touched_ = {};
   if (now.plan->point_feet) return;
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& reference = now.reference.limbs[l];
     search_hold(now, clock, limbs[l], l, events[l], dt_s);
+    touch_wall(now, clock, limbs[l], l, unsure[l], events[l], dt_s);
     if (retry_.limb() == l) {
       if (reference.phase == LimbPhase::kDescend && events[l].arrived) retry_.opened();
       events[l].gripped = false;
@@ -95,7 +105,8 @@ void Grips::hold_open(PlanReference& reference) noexcept {
   retry_.apply(reference);
   for (int l = 0; l < kLimbs; ++l) {
     LimbReference& limb = reference.limbs[l];
-    if (searches_[l].begun() && limb.phase == LimbPhase::kDescend) limb.finger_opening_m = limb.open_m;
+    if ((searches_[l].begun() || touches_[l].busy()) && limb.phase == LimbPhase::kDescend)
+      limb.finger_opening_m = limb.open_m;
   }
 }
 
@@ -128,6 +139,35 @@ void Grips::search_hold(const CycleView& now, PlanClock& clock, LimbController& 
   if (!search.searches() && !aims_anew) return;
   events.arrived = false;
   events.blocked = true;
+  clock.wait_anew();
+}
+
+void Grips::touch_wall(const CycleView& now, PlanClock& clock, LimbController& limb, int l, bool unsure,
+                       LimbEvents& events, double dt_s) noexcept {
+  const LimbReference& reference = now.reference.limbs[l];
+  const GripperDescription& gripper = now.robot.gripper;
+  WallTouch& touch = touches_[l];
+  if (reference.phase != LimbPhase::kDescend || reference.back) return touch.reset();
+  const LimbKnot& grasp = now.plan->limbs[clock.now().interval + 1][l];
+  const double touching_m = crux::touching_m(grasp.hold_top_m, gripper.pad_radius_m, gripper.finger_height_m);
+  const Vector3 gripper_W_m = limb.gripper_W_m(now.body_W);
+  if (!touch.begun()) {
+    const bool room = grasp.alone_m > reference.open_m + 2.0 * gripper.pad_radius_m + kAside_m;
+    const bool senses = !now.health.force_torque_distrusted[l] && limb.force_torque_tared();
+    if (!unsure || !room || !senses || !events.arrived || events.blocked || searches_[l].begun()) return;
+    // It begins where the clock waits for it.
+    if (clock.waiting_for() == WaitingFor::kArrive && clock.waiting_limb() == l)
+      touch.begin(gripper_W_m.z() - touching_m);
+    events.arrived = false;
+  }
+  if (!touch.busy()) return;
+  const bool touches = limb.runs_against() && limb.wrench_W().force_N.z() > now.robot.control.contact_force_N &&
+                       !now.health.force_torque_distrusted[l];
+  const double distance_m = (gripper_W_m - limb.anchor_W_m(reference)).norm();
+  if (touch.advance({events.opened, touches, limb.ik_error_m() > kKept_m, distance_m}, dt_s))
+    limb.aim_beside(touch.beside_W_m(), reference);
+  if (touch.touched()) touched_ = {l, gripper_W_m.z() - touching_m};
+  events.arrived = false;
   clock.wait_anew();
 }
 

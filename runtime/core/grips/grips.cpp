@@ -31,6 +31,7 @@ void Grips::begin_plan() noexcept {
   pull_.reset();
   retry_.reset();
   searches_.fill({});
+  touches_.fill({});
   return_ = Return::kNone;
 }
 

@@ -12,6 +12,7 @@
 #include "core/grips/grasp_pull.hpp"
 #include "core/grips/grasp_retry.hpp"
 #include "core/grips/hold_search.hpp"
+#include "core/grips/wall_touch.hpp"
 #include "core/loads/wrench_distribution.hpp"
 #include "core/plan/plan_clock.hpp"
 
@@ -34,17 +35,25 @@ class Grips {
   /// `climbs`: the plan's clock runs, and may wait.
   void watch(const CycleView& now, bool climbs, double dt_s) noexcept;
 
-  /// Keeps the fingers open of a limb that is to grip beside its first place, or comes down beside it.
+  /// Keeps the fingers open of a limb that is to grip beside its first place, comes down beside it or touches the wall.
   void hold_open(PlanReference& reference) noexcept;
 
   /// Once a cycle: pulls the grasp under test, and sends a limb whose grasp failed, or that finds no hold, beside its
-  /// place. `climbs`: otherwise no limb is sent anywhere.
+  /// place. `climbs`: otherwise no limb is sent anywhere, and one that touches the wall comes back.
   void pull_new_grasps(const CycleView& now, PerLimb<LimbController>& limbs, bool climbs, double dt_s) noexcept;
 
-  /// Before the clock advances by `events`: a gripper has arrived only once its hold is found, and has gripped only
-  /// once its grasp has passed the pull.
-  void judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, PerLimb<LimbEvents>& events,
-             double dt_s) noexcept;
+  /// Before the clock advances by `events`: a gripper has arrived only once its hold is found and, where its height is
+  /// `unsure`, it has touched the wall; it has gripped only once its grasp has passed the pull.
+  void judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, const PerLimb<bool>& unsure,
+             PerLimb<LimbEvents>& events, double dt_s) noexcept;
+
+  /// Of the limb that touched the wall in this cycle: how much higher it is than that makes it. Limb -1: none.
+  struct Touched {
+    int limb = -1;
+    double high_m = 0.0;
+  };
+  const Touched& touched() const { return touched_; }
+  bool touches_wall(int limb) const { return touches_[limb].busy(); }
 
   /// In HOLDING, with a hold lost or giving way: runs the clock back, once, until a limb in the air grips. Where that
   /// limb comes down already, or its fingers close, the clock runs forward until it bears. `hold`: the operator
@@ -86,6 +95,9 @@ class Grips {
   /// Sends a limb whose finger stands on its hold over to the side where the hold is.
   void search_hold(const CycleView& now, PlanClock& clock, LimbController& limb, int l, LimbEvents& events,
                    double dt_s) noexcept;
+  /// Sends a limb that has arrived down to the wall, and back.
+  void touch_wall(const CycleView& now, PlanClock& clock, LimbController& limb, int l, bool unsure, LimbEvents& events,
+                  double dt_s) noexcept;
 
   StanceParameters parameters_;
   StanceFit stance_;
@@ -95,6 +107,8 @@ class Grips {
   GraspPull pull_;
   GraspRetry retry_;
   PerLimb<HoldSearch> searches_;
+  PerLimb<WallTouch> touches_;
+  Touched touched_;
   PerLimb<double> borne_N_{};  ///< grasp force for the most that each grip has borne; none once it slipped
   Return return_ = Return::kNone;
 };

@@ -2,8 +2,10 @@
 
 #include <Eigen/Geometry>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 
 namespace crux {
 namespace {
@@ -27,13 +29,30 @@ double squeeze_N(const crux_msgs::limb_knot_t& knot) {
   return 0.5 * axis.dot(Vector3(knot.finger_force_w_n) - Vector3(knot.finger_force_w_n + 3));
 }
 
+bool on_hold(const crux_msgs::plan_t& plan, const crux_msgs::limb_knot_t& knot) {
+  return knot.phase == crux_msgs::limb_knot_t::STANCE && knot.hold >= 0 && knot.hold < plan.n_holds;
+}
+
 /// Of the faces under both fingers; finger 2 touches the one opposite.
 std::array<double, 2> leans_rad(const crux_msgs::plan_t& plan, const crux_msgs::limb_knot_t& knot) {
-  const bool grips = knot.phase == crux_msgs::limb_knot_t::STANCE && knot.hold >= 0 && knot.hold < plan.n_holds;
-  if (!grips || knot.finger1_face < 0 || knot.finger1_face >= crux_msgs::limb_knot_t::FACE_WALL) return {};
+  if (!on_hold(plan, knot) || knot.finger1_face < 0 || knot.finger1_face >= crux_msgs::limb_knot_t::FACE_WALL)
+    return {};
   const auto face = static_cast<std::uint8_t>(knot.finger1_face);
   const double* lean_rad = plan.holds[knot.hold].lean_rad;
   return {lean_rad[face], lean_rad[face ^ 1U]};
+}
+
+/// From a gripper on a hold to the circle about the foot of the nearest other hold or obstacle.
+double alone_m(const crux_msgs::plan_t& plan, const crux_msgs::limb_knot_t& knot) {
+  double least_m = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < plan.n_holds; ++i) {
+    const crux_msgs::hold_t& other = plan.holds[i];
+    if (i == knot.hold) continue;
+    const double away_m = std::hypot(other.position_w_m[0] - knot.gripper_position_w_m[0],
+                                     other.position_w_m[1] - knot.gripper_position_w_m[1]);
+    least_m = std::min(least_m, away_m - 0.5 * std::hypot(other.size_m[0], other.size_m[1]));
+  }
+  return least_m;
 }
 
 /// Slopes of `dimensions` coordinates over all knots: `value(k, i)` in, `slope(k, i)` out.
@@ -133,6 +152,8 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
                                .finger_opening_m = 0.5 * from.finger_separation_m,
                                .friction = from.friction,
                                .lean_rad = leans_rad(plan, from),
+                               .hold_top_m = on_hold(plan, from) ? plan.holds[from.hold].size_m[2] : 0.0,
+                               .alone_m = on_hold(plan, from) ? alone_m(plan, from) : 0.0,
                                .wrench_W = gripper_wrench(from),
                                .squeeze_N = squeeze_N(from)};
     }

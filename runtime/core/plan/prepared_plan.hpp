@@ -19,6 +19,8 @@ struct LimbKnot {
   double finger_opening_m = 0.0;  ///< pad face to gripper centre
   double friction = 0.0;
   std::array<double, 2> lean_rad{};  ///< of the faces under fingers 1 and 2
+  double hold_top_m = 0.0;           ///< of the hold gripped, off the wall
+  double alone_m = 0.0;  ///< from the gripper, along the wall, to the next thing that stands on it; 0 in the air
   // On the robot about the gripper centre, piecewise constant over the interval that begins here.
   Wrench wrench_W;
   double squeeze_N = 0.0;  ///< mean of what both fingers press along the axis through them

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "core/robot/gravity.hpp"
 #include "core/robot/hash.hpp"
 #include "core/robot/inverse_kinematics.hpp"
 #include "core/robot/node_protocol.hpp"
@@ -208,6 +209,20 @@ void ObedientPlant::obey(const CycleResult& result) {
     const Vector3 moment = rotation.transpose() * (Vector3(limb.moment_reference_w_nm) + arm.cross(weight));
     std::copy(force.data(), force.data() + 3, input_.ft_force_g_n + 3 * l);
     std::copy(moment.data(), moment.data() + 3, input_.ft_moment_g_nm + 3 * l);
+  }
+}
+
+void ObedientPlant::press(int limb, const CycleResult& result, const Vector3& at_W_m, const Vector3& force_W_N) {
+  const double* q = result.telemetry[limb].gripper_quaternion_w;
+  const Matrix3 rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+  const Vector3 moment_W_Nm = at_W_m.cross(force_W_N);
+  LimbState state;
+  LimbKinematics(robot().limbs[limb]).evaluate(JointVector(input_.joint_position_rad + kJoints * limb), state);
+  const JointVector torque_Nm = contact_torque(state, {force_W_N, moment_W_Nm});
+  for (int j = 0; j < kJoints; ++j) input_.joint_torque_nm[kJoints * limb + j] += torque_Nm[j];
+  for (int a = 0; a < 3; ++a) {
+    input_.ft_force_g_n[3 * limb + a] += (rotation.transpose() * force_W_N)[a];
+    input_.ft_moment_g_nm[3 * limb + a] += (rotation.transpose() * moment_W_Nm)[a];
   }
 }
 

@@ -54,6 +54,8 @@ class ObedientPlant {
   /// What the core reads in the next cycle.
   crux_msgs::control_input_t& input() { return input_; }
   void obey(const CycleResult& result);
+  /// What a limb's sensor and joints feel in the next cycle of a force on its gripper, at a place seen from its middle.
+  void press(int limb, const CycleResult& result, const Vector3& at_W_m, const Vector3& force_W_N);
 
  private:
   bool on_hold(int limb, const Vector3& gripper_W_m) const;

@@ -1,7 +1,6 @@
 // A hold that stands beside its place: a finger comes down on it, and the gripper goes over to that side.
 #include "core/grips/hold_search.hpp"
 
-#include "core/robot/gravity.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {
@@ -65,7 +64,7 @@ class MovedHold : public testing::TestWithParam<double> {
       }
       for (int j = 0; j < kJoints; ++j) in.joint_position_rad[j] = stood[j] + (i % 2) * kCount_rad;
       stood_ = true;
-      stand_on(at_m * axis, in);
+      run_.plant.press(0, run_.result, at_m * axis, {0.0, 0.0, kPush_N});
     }
   }
 
@@ -73,20 +72,6 @@ class MovedHold : public testing::TestWithParam<double> {
   double height_m(const crux_msgs::control_input_t& in) {
     kinematics_.evaluate(JointVector(in.joint_position_rad), state_);
     return run_.result.state.body_position_w_m[2] + state_.gripper_B.position_m.z();
-  }
-
-  /// What sensor and joints feel of that.
-  void stand_on(const Vector3& at_W_m, crux_msgs::control_input_t& in) {
-    const double* q = run_.result.telemetry[0].gripper_quaternion_w;
-    const Matrix3 rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
-    const Vector3 force_N(0.0, 0.0, kPush_N), moment_Nm = at_W_m.cross(force_N);
-    kinematics_.evaluate(JointVector(in.joint_position_rad), state_);
-    const JointVector torque_Nm = contact_torque(state_, {force_N, moment_Nm});
-    for (int j = 0; j < kJoints; ++j) in.joint_torque_nm[j] += torque_Nm[j];
-    for (int a = 0; a < 3; ++a) {
-      in.ft_force_g_n[a] += (rotation.transpose() * force_N)[a];
-      in.ft_moment_g_nm[a] += (rotation.transpose() * moment_Nm)[a];
-    }
   }
 
   static constexpr double kStands_m = 0.06;

@@ -88,6 +88,52 @@ TEST(MapLocalisation, DriftAlongTheAxisStaysBounded) {
   EXPECT_LT(largest_m, 1.5e-3);  // of 40 mm
 }
 
+TEST(MapLocalisation, HeightIsKnownAtFirstAndUnsureAfterAWay) {
+  MapLocalisation localisation = begun();
+  const Vector3 arm(0.28, 0.36, -0.15);
+  EXPECT_FALSE(localisation.unsure_of_height(arm));
+  int grasps = 0;
+  for (; grasps < 100 && !localisation.unsure_of_height(arm); ++grasps)
+    localisation.grasp(Vector3::Zero(), arm, Vector3::UnitX(), 0.0);
+  EXPECT_GT(grasps, 4);
+  EXPECT_LT(grasps, 100);
+  localisation.touch(Vector3::Zero(), arm, 0.003);
+  EXPECT_FALSE(localisation.unsure_of_height(arm));
+  // The point comes down by most of what it was too high.
+  const Vector6& found = localisation.pending();
+  const double moved_m = (Vector3(found.head<3>()) + Vector3(found.tail<3>()).cross(arm)).z();
+  EXPECT_LT(moved_m, -0.5 * 0.003);
+  EXPECT_GT(moved_m, -0.003);
+}
+
+TEST(MapLocalisation, DriftOffTheWallStaysBoundedWhereGrippersTouchIt) {
+  // The body tilts by 0.02 mrad and rises by 0.04 mm with each grasp, over 2000 grasps and 88 m.
+  MapLocalisation localisation = begun();
+  Pose body;  // true minus estimated, as a motion of W
+  double largest_m = 0.0;
+  int touches = 0;
+  Vector3 place = Vector3::Zero();
+  for (int grasp = 0; grasp < 2000; ++grasp) {
+    const Vector3 arm = arms()[grasp % kLimbs] + Vector3(0.14, 0.0, 0.0);
+    place.x() += 0.044;
+    const Pose tilts = {rotation_exp({0.0, 2e-5, 0.0}), {0.0, 0.0, 4e-5}};
+    body = Pose{tilts.rotation, place + tilts.position_m - tilts.rotation * place} * body;
+    const auto error_m = [&] { return (body * Vector3(place + arm) - place - arm).z(); };
+    if (localisation.unsure_of_height(arm)) {
+      localisation.touch(place, arm, -error_m());
+      ++touches;
+    }
+    localisation.grasp(place, arm, Vector3::UnitX(), 0.0);
+    for (int cycle = 0; cycle < 100; ++cycle) {
+      const Pose motion = localisation.correction(place, 0.05);
+      body = body * motion.inverse();
+    }
+    largest_m = std::max(largest_m, std::abs(error_m()));
+  }
+  EXPECT_LT(largest_m, 0.01);
+  EXPECT_LT(touches, 200);
+}
+
 TEST(MapLocalisation, TheWeightTellsTheTiltButNotTheTurnAboutTheVertical) {
   const LocalisationParameters sure = {
       .hold_sigma_m = 0.005, .grasp_sigma_m = 0.0, .grasp_sigma_rad = 0.0, .tilt_sigma_rad = 1e-6};

@@ -1,0 +1,72 @@
+// A gripper that has come down over its hold goes on until its fingers touch the wall, or its palm the hold, and back.
+// How far the wall is from the body shows by nothing else: fingers grip at any height.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+
+#include "core/robot/geometry.hpp"
+
+namespace crux {
+
+/// Where the gripper is, off the wall, as it touches [m]: by its fingers' ends, or by its palm on a hold so tall.
+inline double touching_m(double hold_top_m, double pad_radius_m, double finger_height_m) noexcept {
+  return std::max(pad_radius_m, hold_top_m - finger_height_m);
+}
+
+/// Of one limb, on its way to one hold.
+class WallTouch {
+ public:
+  static constexpr double kBeyond_m = 0.025;  // below where it should touch: it presses by what is left of that
+
+  void reset() noexcept { *this = WallTouch(); }
+
+  /// Fingers open, and then it goes down by `way_m` and further, until it touches.
+  void begin(double way_m) noexcept {
+    below_m_ = way_m + kBeyond_m;
+    enter(Step::kOpen);
+  }
+
+  /// What is seen of the gripper in a cycle.
+  struct Seen {
+    bool opened = false;      ///< its fingers
+    bool touches = false;     ///< force/torque sensor and joints both say so
+    bool kept = false;        ///< by its joints' limits from where it is to be
+    double distance_m = 0.0;  ///< from there
+  };
+  /// Once a cycle while it is busy. True where beside_W_m() changes.
+  bool advance(const Seen& seen, double dt_s) noexcept {
+    time_s_ += dt_s;
+    touch_s_ = step_ == Step::kDown && seen.touches ? touch_s_ + dt_s : 0.0;
+    const bool ends = seen.kept || time_s_ > kMost_s;
+    if (step_ == Step::kOpen && (seen.opened || ends)) return enter(seen.opened ? Step::kDown : Step::kOver);
+    if (step_ == Step::kDown && (touched() || ends || seen.distance_m < kReached_m)) return enter(Step::kUp);
+    if (step_ == Step::kUp && (seen.distance_m < kReached_m || time_s_ > kMost_s)) enter(Step::kOver);
+    return false;
+  }
+
+  /// In the cycle of advance() in which it has touched for long enough: it stands there.
+  bool touched() const noexcept { return touch_s_ >= kTouch_s; }
+  bool begun() const noexcept { return step_ != Step::kNone; }
+  bool busy() const noexcept { return begun() && step_ != Step::kOver; }
+  /// From where the limb was sent to where it is to be, in W.
+  Vector3 beside_W_m() const noexcept { return step_ == Step::kDown ? Vector3(0.0, 0.0, -below_m_) : Vector3::Zero(); }
+
+ private:
+  enum class Step : std::uint8_t { kNone, kOpen, kDown, kUp, kOver };
+  static constexpr double kReached_m = 0.004;
+  static constexpr double kTouch_s = 0.1;
+  static constexpr double kMost_s = 3.0;  // of a step
+
+  bool enter(Step step) noexcept {
+    step_ = step;
+    time_s_ = 0.0;
+    return step_ != Step::kOver;
+  }
+
+  Step step_ = Step::kNone;
+  double below_m_ = 0.0;
+  double time_s_ = 0.0, touch_s_ = 0.0;
+};
+
+}  // namespace crux
