@@ -102,5 +102,7 @@ def test_what_a_log_says_commands_no_terminal(
 
 
 def test_what_a_judge_says_commands_no_terminal() -> None:
-    verdict = SimpleNamespace(slips=0, largest_slip_m=0.0, fell=True, fall_reason=EVIL, log_complete=True)
+    verdict = SimpleNamespace(
+        slips=0, largest_slip_m=0.0, fell=True, fall_reason=EVIL, link_contact_force_n=0.0, log_complete=True
+    )
     commands_no_terminal("\n".join(judged(verdict)))

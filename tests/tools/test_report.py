@@ -152,7 +152,7 @@ def test_the_page_begins_with_the_judges_verdict_where_there_is_one(tmp_path: Pa
     write_log(log, Story(metadata={"command_line": "crux-runtime --pace bus", **recorded}))
     verdict = Verdict(
         reached_goal=False, fell=True, fall_reason="the body was off its path", lost_grips={"LF": 3.1}, slips=2,
-        largest_slip_m=0.0066, goal_error_m=0.045, goal_error_rad=0.1, link_contact_force_n=0.0,
+        largest_slip_m=0.0066, goal_error_m=0.045, goal_error_rad=0.1, link_contact_force_n=12.3,
     )  # fmt: skip
     result = ClimbResult(
         Outcome(Ending.COMPLETE, 400, 1.0, 0), verdict, Tracking(), 1.0, 0, "it fell", log, log_complete=False
@@ -164,7 +164,7 @@ def test_the_page_begins_with_the_judges_verdict_where_there_is_one(tmp_path: Pa
     assert told == later
     assert told.startswith(
         "Failed: 45.0 mm and 5.7 deg off the goal (10 mm and 3 deg allowed), 2 slips (largest 6.60 mm), a fall (the "
-        "body was off its path), log incomplete, no fault, least margin "
+        "body was off its path), links press on wall or holds with up to 12 N, log incomplete, no fault, least margin "
     )
     for fact in recorded.values():
         assert fact in told

@@ -127,13 +127,15 @@ def _amount(value: float | None, scale: float, digits: int = 1) -> str:
 
 
 def _print_summary(result: Any) -> None:
+    from crux_tools.telemetry.wording import touching
+
     verdict, tracking = result.verdict, result.tracking
     lost = "".join(f", {limb} lost its hold" for limb in verdict.lost_grips)
     note(f"{'climbed' if result.ok else 'failed'}: {result.reason or 'the robot is at the goal'}")
     note(
         f"  goal      {verdict.goal_error_m * 1e3:.1f} mm off, {'reached' if verdict.reached_goal else 'not reached'}; "
         f"{verdict.slips} slips (largest {verdict.largest_slip_m * 1e3:.2f} mm), "
-        f"{'a' if verdict.fell else 'no'} fall{lost}"
+        + ", ".join([f"{'a' if verdict.fell else 'no'} fall{lost}", *touching(verdict)])
     )
     note(
         f"  tracking  body {_amount(tracking.body_max_m, 1e3)} mm max, {_amount(tracking.body_rms_m, 1e3)} mm rms; "

@@ -10,6 +10,8 @@ from crux_contracts.terminal import in_a_line
 
 from crux_tools.telemetry.summary import FaultNote, Summary, Wait
 
+TOUCH_N = 1.0  # of links on wall or holds, from which on it is told
+
 
 def _figure(value: float | None, unit: str, scale: float = 1.0, digits: int = 2) -> str:
     return "–" if value is None else f"{value * scale:.{digits}f} {unit}"
@@ -29,12 +31,19 @@ def wait_line(wait: Wait) -> str:
     )
 
 
+def touching(verdict: Any) -> list[str]:
+    """That something else than a pad pressed on wall or holds, where it did."""
+    force_N = verdict.link_contact_force_n
+    return [f"links press on wall or holds with up to {force_N:.0f} N"] if force_N >= TOUCH_N else []
+
+
 def judged(verdict: Any) -> list[str]:
-    """Slips, fall and log of a verdict with the fields of truth_verdict_t."""
+    """Slips, fall, touching links and log of a verdict with the fields of truth_verdict_t."""
     return [
         f"{verdict.slips or 'no'} slip{'' if verdict.slips == 1 else 's'} "
         f"(largest {verdict.largest_slip_m * 1e3:.2f} mm)",
         f"a fall ({in_a_line(verdict.fall_reason)})" if verdict.fell else "no fall",
+        *touching(verdict),
         *([] if verdict.log_complete else ["log incomplete"]),
     ]
 
