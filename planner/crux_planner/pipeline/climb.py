@@ -79,7 +79,7 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
         if isinstance(found, PlanResult):
             return found
         none_level = found
-    proof = disproved(climb, none_level)
+    proof = disproved(climb, none_level, held=bool(tried.refused))  # a way that was refused ends in balance
     if (by_map := plan_by_map(climb, tried)) is not None:
         return _with_gap(climb, *by_map)
     for each, quickest in ((climb, True), (farther(climb), False)):

@@ -19,16 +19,19 @@ def farther(climb: Climb) -> Climb:
     return replace(climb, oracles=replace(climb.oracles, problem=problem, reachable=ReachableSet(problem)))
 
 
-def disproved(climb: Climb, none_near: InfeasibleError | None) -> Proof | None:
+def disproved(climb: Climb, none_near: InfeasibleError | None, held: bool) -> Proof | None:
     """What can be shown about the climb, where nothing quick shows that it has no plan; else raises InfeasibleError.
-    That start and goal are connected is asked where something else found no plan. None where faces lean and of limbs
-    without closed-form kinematics: nothing is shown of these.
+    That start and goal are connected is asked where something else found no plan. `held`: a body at the goal holds on
+    in balance, by the map. None where faces lean and of limbs without closed-form kinematics: nothing is shown of
+    these.
     """
     if climb.problem.leans or not climb.problem.closed_form:
         return None
     proof = Proof(climb.session.scenario, climb.session.robot, climb.problem)
     with climb.work.part("proof", 0.1):
-        impossible = proof.quick() or proof.goal_equilibrium(GOAL_PROOF, climb.session.deadline)
+        impossible = proof.quick(held)
+        if impossible is None and not held:
+            impossible = proof.goal_equilibrium(GOAL_PROOF, climb.session.deadline)
         if impossible is not None:
             raise impossible
         impossible = None if none_near is None else proof.disconnected(FIRST_PROOF, climb.session.deadline)

@@ -142,3 +142,18 @@ def test_every_knot_of_a_plan_is_within_the_relaxation() -> None:
         assert proof.equilibrium.missing_force(support, plan.body_position[k], plan.body_position[k] + 1e-6) <= 0.0
     assert proof.quick() is None
     assert stances[-1] in proof.goals
+
+
+@pytest.mark.parametrize("seed", [241, 402])
+def test_stances_at_a_goal_that_is_held_are_narrowed_when_they_are_asked_for(seed: int) -> None:
+    """Field 241 has none, which is denied then as it is at once."""
+    read = parse_scenario(random_field(seed))
+    problem = build_problem(read, ROBOT)
+    later, at_once = Proof(read, ROBOT, problem), Proof(read, ROBOT, problem)
+    denied = at_once.quick()
+    assert later.quick(held=True) is None
+    assert set(later.goals) > set(at_once.goals)
+    reason = later.disconnected(0, 0.0)
+    assert (denied is None) == (seed == 402)
+    assert denied is None or str(reason) == str(denied)
+    assert later.goals == at_once.goals

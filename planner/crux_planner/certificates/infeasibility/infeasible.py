@@ -40,14 +40,17 @@ class Proof:
         self.reach, self.equilibrium = RelaxedReach(problem, wrists), RelaxedBalance(problem, grips)
         contacts = [problem.contacts[c] for c in problem.start_contacts]
         self.start: Grips = tuple(self.number[c.hold, c.pair] for c in contacts)
+        self._narrowed = False  # `goals` are those in reach of one body pose
         self.step_m = problem.body.max_speed_m_s * problem.dt_s
         hold, self.palm = np.array(self.hold), palm_shape(robot)
         self.grips = grips
         self.apart = ~clashes(grips, self.palm) & (hold[:, None] != hold)
         self.connection = Connection(self.reach, self.equilibrium, self.apart, self.step_m)
 
-    def quick(self) -> InfeasibleError | None:
-        """What needs no search: the goal's body pose against reach and equilibrium of every stance there."""
+    def quick(self, held: bool = False) -> InfeasibleError | None:
+        """What needs no search: the goal's body pose against the reach of every stance there. `held`: a body at the
+        goal is known to hold one, so which others it does not is left for `disconnected`.
+        """
         problem = self.problem
         ends = []
         for limb, name in enumerate(LIMB_NAMES):
@@ -68,8 +71,13 @@ class Proof:
             stances = stances[self.apart[stances[:, a], stances[:, b]]]
         if len(stances):
             stances = stances[self.reach.at_goal(stances)]
-        near: list[Grips] = list(map(tuple, stances.tolist()))
-        self.goals = self.goal_poses.possible(near, self.reach.grips)
+        self.goals: list[Grips] = list(map(tuple, stances.tolist()))
+        return None if held and self.goals else self._no_goal()
+
+    def _no_goal(self) -> InfeasibleError | None:
+        """Leaves out of `goals` what no body there has in reach at once; why all are, where they are."""
+        problem, self._narrowed = self.problem, True
+        near, self.goals = self.goals, self.goal_poses.possible(self.goals, self.reach.grips)
         if not self.goals:
             goal = point_text(problem, problem.goal.body.position_m)
             text = f"no pose of the body at the goal {goal} has a hold of its own within reach of every limb"
@@ -110,6 +118,8 @@ class Proof:
 
     def disconnected(self, programs: int, deadline: float) -> InfeasibleError | None:
         """The start's part of the graph lacks the goal, or the goal's the start; None: `Connection.separated`."""
+        if not self._narrowed and (none := self._no_goal()) is not None:
+            return none
         part = self.connection.separated(self.start, self.goals, programs, deadline)
         return None if part is None else self._closed(set(part.headings), part.forward)
 

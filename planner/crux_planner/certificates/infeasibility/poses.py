@@ -7,10 +7,11 @@ each. Boxes of angles are halved until all are shown to have no pose, or one is 
 """
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from crux_contracts import N_LIMBS
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.contacts import Grip
@@ -74,14 +75,14 @@ class GoalPoses:
 
         What the first limbs lack, the whole stance does. After `PROGRAMS`, stances are left as they are.
         """
-        known: dict[tuple[int, ...], bool] = {}
-
-        def may_be(first: tuple[int, ...]) -> bool:
-            if first not in known:
-                known[first] = self._solved >= PROGRAMS or self.lacking(_by_limb(first, grips)) <= 0.0
-            return known[first]
-
-        return [s for s in stances if all(may_be(s[:count]) for count in range(2, len(s) + 1))]
+        kept = np.array(list(stances), dtype=int).reshape(-1, N_LIMBS)
+        for count in range(2, N_LIMBS + 1):
+            firsts, at = np.unique(kept[:, :count], axis=0, return_inverse=True)
+            tried = (
+                self._solved >= PROGRAMS or self.lacking(_by_limb(first, grips)) <= 0.0 for first in firsts.tolist()
+            )
+            kept = kept[np.fromiter(tried, bool, len(firsts))[at.ravel()]]
+        return [tuple(stance) for stance in kept.tolist()]
 
     def shortage(self, stances: Iterable[tuple[int, ...]], grips: list[Grip]) -> float:
         """About how far [m] the best of these stances is from being in reach, by looking where the program leads."""
@@ -200,7 +201,7 @@ def reach_program(problem: Problem, grips: dict[int, Grip], low: Array, high: Ar
     return PoseProgram(2 * len(boxes.directions) * len(grips), np.vstack(rows), np.concatenate(right), lower, upper)
 
 
-def _by_limb(stance: tuple[int, ...], grips: list[Grip]) -> dict[int, Grip]:
+def _by_limb(stance: Sequence[int], grips: list[Grip]) -> dict[int, Grip]:
     return {limb: grips[g] for limb, g in enumerate(stance)}
 
 
