@@ -68,9 +68,13 @@ def test_idle_logs_are_bounded_and_a_climb_is_kept_and_can_be_computed_again(sta
         def climbs() -> list[Path]:
             return [log for log in sorted(tmp_path.glob("log1-*.mcap")) if ".idle" not in log.name and log != kept]
 
-        (climb,) = climbs()
-        await_true(lambda: number(idle(runtime)[-1]) > number(climb) + 1)  # it has been holding for a while
-        assert climbs() == [climb]
+        # The plan's log, and on a machine that stalls between upload and start the climb's own.
+        await_true(lambda: bool(climbs()) and number(idle(runtime)[-1]) > number(climbs()[-1]) + 1)
+        climb, *later = climbs()
+        assert list(map(number, later)) in ([], [number(climb) + 1])
+        holding = number(idle(runtime)[-1])
+        await_true(lambda: number(idle(runtime)[-1]) > holding + 1)  # it holds for a while
+        assert climbs() == [climb, *later]
         robot.power_off()
         runtime.process.terminate()
         runtime.end()
