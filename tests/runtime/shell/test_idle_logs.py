@@ -40,6 +40,10 @@ def metadata(log: Path) -> dict[str, str]:
     return read_channels(log, {"/robot_state"}).metadata
 
 
+def tells_of_a_fault(log: Path) -> bool:
+    return len(read_channels(log, {"/fault"}).tables["/fault"]) > 0
+
+
 @pytest.mark.alone  # its nodes have to answer by the clock
 def test_idle_logs_are_bounded_and_a_climb_is_kept_and_can_be_computed_again(start: Starter, tmp_path: Path) -> None:
     plan = standing_plan()
@@ -69,12 +73,13 @@ def test_idle_logs_are_bounded_and_a_climb_is_kept_and_can_be_computed_again(sta
             return [log for log in sorted(tmp_path.glob("log1-*.mcap")) if ".idle" not in log.name and log != kept]
 
         # The plan's log, and on a machine that stalls between upload and start the climb's own.
-        await_true(lambda: bool(climbs()) and number(idle(runtime)[-1]) > number(climbs()[-1]) + 1)
-        climb, *later = climbs()
-        assert list(map(number, later)) in ([], [number(climb) + 1])
+        await_true(lambda: bool(climbs()) and number(idle(runtime)[-1]) > number(climbs()[0]) + 1)
+        climb = climbs()[0]
         holding = number(idle(runtime)[-1])
         await_true(lambda: number(idle(runtime)[-1]) > holding + 1)  # it holds for a while
-        assert climbs() == [climb, *later]
+        later = [log for log in climbs() if number(climb) + 1 < number(log) < number(idle(runtime)[-1])]
+        assert climb.exists()
+        assert all(tells_of_a_fault(log) for log in later), "what else is kept, too: a machine that stalls makes some"
         robot.power_off()
         runtime.process.terminate()
         runtime.end()
