@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import crux_planner
@@ -14,6 +13,8 @@ from crux_contracts.scenario import load_scenario
 from crux_tools import cli
 from random_robots import robot_folder
 
+ABLE, MUST_CLIMB, MOST_DRAWN = 20, 18, 60  # robots
+
 
 def test_limbs_are_not_alike_and_the_robot_is_taken(tmp_path: Path) -> None:
     """Some 5 s: so long it takes to find postures from which four limbs step."""
@@ -24,18 +25,28 @@ def test_limbs_are_not_alike_and_the_robot_is_taken(tmp_path: Path) -> None:
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize("seed", range(1, 21))
 def test_those_that_are_called_able_climb(
-    seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Some minutes: the limbs' reach is mapped, and the wall is planned up to four times."""
-    robot, wall = robot_folder(seed, tmp_path), tmp_path / "wall.yaml"
+    """Hours: some minutes a robot, whose limbs' reach is mapped and whose wall is planned up to four times."""
     monkeypatch.setenv("CRUX_ROBOTS", str(tmp_path))
-    status = cli.main(["robot", "check", str(robot), "--wall", str(wall), "--json"])
-    said = json.loads(capsys.readouterr().out)
-    if status:
-        pytest.skip(str([check["remedy"] for check in said["checks"] if check["verdict"] == "bad"]))
-    result = crux_planner.plan(load_scenario(wall), robot)
-    assert result.check.ok
-    status, climbed = climb_here(saved(tmp_path, result.plan), tmp_path / "climb.mcap")
-    assert (status, climbed["ok"], climbed["slips"]) == (0, True, 0)
+    climbed: dict[int, bool] = {}  # by seed, of those that are called able
+    for seed in range(1, MOST_DRAWN + 1):
+        robot, wall = robot_folder(seed, tmp_path), tmp_path / f"wall-{seed}.yaml"
+        able = cli.main(["robot", "check", str(robot), "--wall", str(wall), "--json"]) == 0
+        capsys.readouterr()
+        if able:
+            climbed[seed] = _climbs(robot, wall, tmp_path)
+        if len(climbed) == ABLE:
+            break
+    assert len(climbed) == ABLE, climbed
+    assert sum(climbed.values()) >= MUST_CLIMB, climbed
+
+
+def _climbs(robot: Path, wall: Path, folder: Path) -> bool:
+    try:
+        result = crux_planner.plan(load_scenario(wall), load_robot(robot))
+    except crux_planner.InfeasibleError:
+        return False
+    status, climb = climb_here(saved(folder, result.plan), folder / f"{wall.stem}.mcap")
+    return bool(result.check.ok and status == 0 and climb["slips"] == 0)
