@@ -55,45 +55,61 @@ LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for 
 
 @dataclass
 class Tried:
-    """What is known of a climb by map, with grasps in the middle of their faces: `refused` moves are left out."""
+    """What is known of a climb by map. With grasps in the middle of their faces, `refused` moves are left out."""
 
     refused: set[Left] = field(default_factory=set)
-    search: MapSearch | None = None
+    searches: dict[bool, tuple[Climb, MapSearch | None]] = field(default_factory=dict)  # by whether off the middle, too
     far: bool = True  # the goal, for a quick search
+
+    def search(self, climb: Climb, off_centre: bool) -> tuple[Climb, MapSearch | None]:
+        """A search to the first pose within the goal's tolerances that has stances on the map, and whose climb it is;
+        None where none has any, or start or goal are tilted. `off_centre`: also with grasps off the middle.
+        """
+        if off_centre not in self.searches:
+            found = None
+            if not _tilted(climb.problem):
+                if off_centre:
+                    with climb.work.part("problem", 0.1):
+                        climb = _off_centre(climb)
+                with climb.work.part("map", 0.2):
+                    found = next((each for each in _searches(climb) if len(each.goals)), None)
+            self.searches[off_centre] = climb, found
+        return self.searches[off_centre]
+
+    def held_at_goal(self, climb: Climb) -> bool:
+        """Whether a body at the goal holds on in balance on the map."""
+        searches = (self.search(climb, off_centre)[1] for off_centre in (False, True))
+        return any(search is not None and search.held_at_goal for search in searches)
 
 
 def plan_by_map(climb: Climb, tried: Tried, quick: bool = False) -> tuple[PlanResult, Problem] | None:
     """A checked plan and its problem; None where none is found, or start or goal are tilted. Grasps in the middle of
     their faces come first, then also those off it.
 
-    What is found out about the former is kept in `tried`. `quick`: only with these, and few looks at moves; none where
-    the goal is far.
+    What is found out is kept in `tried`. `quick`: only with the former, and few looks at moves; none where the goal is
+    far.
     """
-    given = climb.problem
-    tilts = np.abs([given.start.rpy_rad[:2], given.goal.body.rpy_rad[:2]])
-    if quick and given.nominal is not None:  # of what is uncertain, boxes leave out where holds may be
-        return None
-    if tilts.max() > LEVEL_RAD:
+    if quick and climb.problem.nominal is not None:  # of what is uncertain, boxes leave out where holds may be
         return None
     for off_centre in (False,) if quick else (False, True):
-        if off_centre:
-            with climb.work.part("problem", 0.1):
-                climb = _off_centre(climb)
-        search = None if off_centre else tried.search
-        with climb.work.part("map", 0.2):
-            search = search or next((each for each in _searches(climb) if len(each.goals)), None)
+        of, search = tried.search(climb, off_centre)
         if search is None:
             continue
         if not off_centre:
-            tried.search, tried.far = search, search.ahead(given.start_contacts) > NEAR_KNOTS
+            tried.far = search.ahead(of.problem.start_contacts) > NEAR_KNOTS
         if quick and tried.far:
             continue
         without = set[Left]() if off_centre else tried.refused
-        if (found := _planned(climb, search, without, quick)) is not None:
+        if (found := _planned(of, search, without, quick)) is not None:
             return found, search.problem
         if climb.session.late:
             return None
     return None
+
+
+def _tilted(problem: Problem) -> bool:
+    tilts = np.abs([problem.start.rpy_rad[:2], problem.goal.body.rpy_rad[:2]])
+    return bool(tilts.max() > LEVEL_RAD)
 
 
 def missing_at_goal(climb: Climb) -> str | None:
@@ -172,6 +188,7 @@ class _ByMap:
         self.footing = Footing(problem, masks.grid)
         self.functions = JointFunctions(problem, reaches_of(climb.session.robot), UNLIMITED)
         self.by_places = 0  # horizons of one way that fail by the grippers' places
+        self._hulls: dict[float, Oracles] = {}
 
     def plan(self, way: list[Step]) -> PlanResult | int:
         """A checked plan, or the number of the move that is to blame for there being none."""
@@ -215,7 +232,9 @@ class _ByMap:
         """
         if not moves:
             return None
-        oracles = next((each for each in self._hulls() if all(each.reachable.of(m.after) for m in moves)), None)
+        turns = 0.0, max(COARSE[3], abs(float(self.problem.goal.body.rpy_rad[2])))
+        hulls = (self._by_hulls(turn_rad) for turn_rad in turns)
+        oracles = next((each for each in hulls if all(each.reachable.of(m.after) for m in moves)), None)
         if oracles is None:
             return None
         climb = replace(self.climb, oracles=oracles)
@@ -231,15 +250,17 @@ class _ByMap:
         found.others = others
         return found
 
-    def _hulls(self) -> Iterator[Oracles]:
-        """Of a body that keeps its heading, and of one that turns: as if it were level and did not."""
-        start, goal = self.problem.start, self.problem.goal
-        ends = replace(start, rpy_rad=np.zeros(3)), replace(goal, body=replace(goal.body, rpy_rad=np.zeros(3)))
-        for turn_rad in (0.0, max(COARSE[3], abs(float(goal.body.rpy_rad[2])))):
+    def _by_hulls(self, turn_rad: float) -> Oracles:
+        """Of a body that turns up to so far, as if it were level and did not."""
+        if turn_rad not in self._hulls:
+            start, goal = self.problem.start, self.problem.goal
+            ends = replace(start, rpy_rad=np.zeros(3)), replace(goal, body=replace(goal.body, rpy_rad=np.zeros(3)))
             boxes = hulls_of(self.masks.reaches, self.problem, turn_rad)
             hulls = replace(self.problem, boxes=boxes, start=ends[0], goal=ends[1])
             oracles = Oracles.of(hulls, TorqueLimits(hulls, hulls.friction_share))
-            yield replace(oracles, swings=self.climb.oracles.swings, reachable=StoodOn(hulls, self.search))
+            reachable = StoodOn(hulls, self.search)
+            self._hulls[turn_rad] = replace(oracles, swings=self.climb.oracles.swings, reachable=reachable)
+        return self._hulls[turn_rad]
 
     def _timed(self, timed: Timed) -> PlanResult | int | None:
         """A checked plan of timed moves, with more knots where the body's path ends; or the number of the move at which

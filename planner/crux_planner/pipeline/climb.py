@@ -79,7 +79,8 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
         if isinstance(found, PlanResult):
             return found
         none_level = found
-    proof = disproved(climb, none_level, held=bool(tried.refused))  # a way that was refused ends in balance
+    held = tried.held_at_goal(climb)
+    proof = None if held else disproved(climb, none_level)
     if (by_map := plan_by_map(climb, tried)) is not None:
         return _with_gap(climb, *by_map)
     for each, quickest in ((climb, True), (farther(climb), False)):
@@ -92,7 +93,7 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     assert none_level is not None
     if isinstance(none_level, LevelGoalError) and (missing := missing_at_goal(climb)) is not None:
         none_level = LevelGoalError("reach", missing)
-    raise none_level if proof is None else at_last(climb, none_level, proof)
+    raise at_last(climb, none_level, proof)
 
 
 def _level_or_none(climb: Climb, quick: bool) -> PlanResult | InfeasibleError:

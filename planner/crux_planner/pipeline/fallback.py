@@ -19,7 +19,7 @@ def farther(climb: Climb) -> Climb:
     return replace(climb, oracles=replace(climb.oracles, problem=problem, reachable=ReachableSet(problem)))
 
 
-def disproved(climb: Climb, none_near: InfeasibleError | None, held: bool) -> Proof | None:
+def disproved(climb: Climb, none_near: InfeasibleError | None, held: bool = False) -> Proof | None:
     """What can be shown about the climb, where nothing quick shows that it has no plan; else raises InfeasibleError.
     That start and goal are connected is asked where something else found no plan. `held`: a body at the goal holds on
     in balance, by the map. None where faces lean and of limbs without closed-form kinematics: nothing is shown of
@@ -40,8 +40,13 @@ def disproved(climb: Climb, none_near: InfeasibleError | None, held: bool) -> Pr
     return proof
 
 
-def at_last(climb: Climb, none_level: InfeasibleError, proof: Proof) -> InfeasibleError:
-    """What to say where nothing finds a plan: what stops a level body, and whether that is proven."""
+def at_last(climb: Climb, none_level: InfeasibleError, proof: Proof | None) -> InfeasibleError:
+    """What to say where nothing finds a plan: what stops a level body, and whether that is proven. `proof` is what is
+    shown already; None where the map has a body at the goal that holds on, or nothing is shown (see `disproved`).
+    """
+    proof = proof or disproved(climb, None, held=True)
+    if proof is None:
+        return none_level
     none_level = proof.instead_of(none_level)
     if isinstance(none_level, HorizonError):
         return none_level

@@ -33,6 +33,7 @@ AMPLE, STRAIN_KNOTS = 200, 3.0  # poses on a stance that are enough, and what ha
 _SAME = 1e-6
 _NEAR_M = 0.4  # of grippers that may be in each other's way
 LEAST_SAMPLES = 6  # intervals of a swing that are looked at
+_GOALS = 40  # stances at the goal that are looked at for one that is held
 
 Node = tuple[Stance, int]
 Step = tuple[Stance, int, Stance]
@@ -155,6 +156,14 @@ class MapSearch:
         return stances
 
     @cached_property
+    def held_at_goal(self) -> bool:
+        """Whether motors and friction hold a body at the goal on one of its stances, of some that are looked at."""
+        cell = tuple(np.argwhere(self.masks.goal)[0].tolist())
+        some = np.linspace(0, len(self.goals) - 1, min(_GOALS, len(self.goals))).astype(int)
+        stances = [stance_after((0, 0, 0, 0), (0, 1, 2, 3), self.goals[i].tolist()) for i in some]
+        return any(self.footing.strong_at(stance, stance, cell) for stance in stances)
+
+    @cached_property
     def _ends_at_goal(self) -> list[list[int]]:
         """Contacts on which each limb may end, and which a body at the goal has in its reach."""
         problem = self.problem
@@ -247,7 +256,7 @@ class MapSearch:
         others: list[Gripper | None] = [at if other != limb else None for other, at in enumerate(grippers)]
         for pose in way.poses(max(LEAST_SAMPLES, way.intervals)):
             grippers[limb] = gripper(pose)
-            there = grown(there) & swing.free & self.masks.held(limb, grippers[limb])
+            there = self.masks.held_within(grown(there) & swing.free, limb, grippers[limb])
             there = self.masks.apart(self.masks.apart(there, others), grippers, (limb,))
             if not there.any():
                 return []

@@ -84,10 +84,21 @@ class PoseMasks:
         """From where a limb has its gripper there, links off the trunk."""
         key = limb, there
         if key not in self._held:
-            seen, (low, high) = self.grid.seen(np.array(there)), self.problem.gripper_yaw_rad
-            mask = self.reaches[limb].reaches(seen) & (seen.yaw_rad >= low) & (seen.yaw_rad <= high)
+            mask = self._reached(limb, self.grid.seen(np.array(there)))
             self._held[key] = np.broadcast_to(mask, self.grid.shape)
         return self._held[key]
+
+    def held_within(self, mask: Flags, limb: int, there: Gripper) -> Flags:
+        """The part of a mask from which a limb has its gripper there: on its way, where others leave few poses."""
+        if (limb, there) in self._held or 2 * np.count_nonzero(mask) > mask.size:
+            return np.asarray(mask & self.held(limb, there))
+        cells, found = np.flatnonzero(mask), np.zeros(mask.shape, dtype=bool)
+        found.reshape(-1)[cells] = self._reached(limb, self.grid.seen(np.array(there)).where(cells))
+        return found
+
+    def _reached(self, limb: int, seen: GripperPoses) -> Flags:
+        low, high = self.problem.gripper_yaw_rad
+        return self.reaches[limb].reaches(seen) & (seen.yaw_rad >= low) & (seen.yaw_rad <= high)
 
     def hold(self, contacts: Contacts) -> Flags:
         """From where limbs hold on to their contacts; those in the air are left out."""
@@ -136,8 +147,7 @@ class PoseMasks:
         """Those of the contacts that a limb holds with the body at the goal, links off the trunk."""
         if not contacts:
             return []
-        seen, (low, high) = self._seen_at_goal(contacts), self.problem.gripper_yaw_rad
-        held = self.reaches[limb].reaches(seen) & (seen.yaw_rad >= low) & (seen.yaw_rad <= high)
+        held = self._reached(limb, self._seen_at_goal(contacts))
         return [c for c, ok in zip(contacts, held, strict=True) if ok]
 
     def _goal_links(self, limb: int, contacts: list[int]) -> Links:

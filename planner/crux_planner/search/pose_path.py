@@ -57,10 +57,15 @@ class Moments:
         for grippers, held in zip(self.grippers, self.contacts, strict=True):
             key = (*grippers, held)
             if key not in found:
-                mask = np.logical_and.reduce([masks.held(limb, there) for limb, there in enumerate(grippers)])
+                mask = np.ones(masks.grid.shape, dtype=bool)
                 if None in held:
                     stands = footing.stands(held, np.mean([there[:3] for there in grippers], axis=0))
-                    mask = mask & stands if stands is not None else np.zeros_like(mask)
+                    mask &= False if stands is None else stands
+                stay = [limb for limb, contact in enumerate(held) if contact is not None]
+                for limb in stay:
+                    mask &= masks.held(limb, grippers[limb])
+                for limb in {*range(4)} - {*stay}:
+                    mask = masks.held_within(mask, limb, grippers[limb])
                 found[key] = mask
             series.append(found[key])
         return series
