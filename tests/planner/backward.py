@@ -116,7 +116,7 @@ def _states(poses: Array, hands: Array, robot: Robot) -> list[ChainState] | None
 
 def _limits(random: np.random.Generator) -> Array:
     """(2, 4): friction and most of the spines in (s1, s2, m / k) of the faces +x and -x."""
-    friction = np.round(random.uniform(0.3, 2.5, 2), 2) * (random.random(2) > 0.03)
+    friction = np.round(random.uniform(0.3, 2.5, 2), 2)
     spines = (random.random(2) < 0.7)[:, None] * [SPINE_N, SPINE_N, SPINE_NM / K_M]
     return np.column_stack([friction, spines])
 
