@@ -18,7 +18,6 @@ from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers
 from crux_planner.certificates.bound.places import body_boxes, orientations
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
-from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Swinging
 from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.search.equilibrium import StaticEquilibrium
@@ -30,26 +29,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from scenes import scene, wall
 from shared_plans import unproven
-
-
-def without_margin(problem: Problem) -> Problem:
-    """Plans that use the whole limit surface: what the bound is about."""
-    return replace(problem, friction_share=1.0)
-
-
-def staying_and_stepping(problem: Problem) -> list[float]:
-    """J of plans without a step, and with each limb's first possible swing."""
-    equilibrium, windows = (
-        StaticEquilibrium(problem, problem.friction_share),
-        Windows(problem, ReachableSet(problem), SwingCache(problem)),
-    )
-    path = np.linspace(problem.start.position_m, problem.goal.body.position_m, problem.steps + 1)
-    first = [[windows.swinging(limb, windows.arcs[limb][0])] for limb in range(4)]
-    plans = [
-        solve_knots(problem, equilibrium, windows.schedule(swings), 0.0, None, Scales(), path, True)
-        for swings in ([], *first)
-    ]
-    return [plan.cost for plan in plans if plan is not None]
+from simple_plans import staying_and_stepping, without_margin
 
 
 @given(goal_m=st.floats(0.0, 0.06), slope=st.floats(20.0, 60.0), shift=st.floats(-0.02, 0.02))

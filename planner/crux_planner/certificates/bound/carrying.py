@@ -60,20 +60,41 @@ class Carriers:
         else:
             friction, spines = self.friction[contacts], self.spines[contacts]
             g = np.einsum("cij,ci->cj", self.maps[contacts], multipliers)
-        wanted = -g[..., :3] / (4 * w)  # the cheapest shear and twist, were there no limit
-        over = np.linalg.norm(np.maximum(np.abs(wanted) - spines, 0.0), axis=-1)
-        pull, press = np.abs(g[..., 3]), 1.0 / np.maximum(friction, 1.0 / _UNLIMITED)  # normal force a newton of load
-        second = g[..., 3] > 0.0
-        payer, other = np.where(second, press[:, 1], press[:, 0]), np.where(second, press[:, 0], press[:, 1])
-        pressure = np.minimum(pull / (2 * w), high)  # the cheapest normal force on the finger that pays
-        # t: load of each finger. Up to `edge` the one that pays has `pressure`; above, both have what t needs.
-        edge = pressure / payer
-        one = np.clip((4 * w * over - pull * other) / (4 * w + 2 * w * other**2), 0.0, np.minimum(edge, high / other))
-        squares, slope = payer**2 + other**2, pull * (other - payer)
-        both = np.clip((4 * w * over - slope) / (4 * w + 2 * w * squares), edge, high / np.maximum(payer, other))
-        below = w * (other * one) ** 2 + pull * other * one + w * pressure**2 - pull * pressure
-        below += 2 * w * np.maximum(over - one, 0.0) ** 2
-        above = w * squares * both**2 + slope * both + 2 * w * np.maximum(over - both, 0.0) ** 2
-        best = np.where(both >= edge, np.minimum(below, above), below)
-        least: Array = best - 2 * w * (wanted**2).sum(axis=-1)
-        return least if self.bare is None else np.maximum(least, self.bare.least(multipliers, contacts))
+        best, _ = _least(g, friction, spines, w, high)
+        return best if self.bare is None else np.maximum(best, self.bare.least(multipliers, contacts))
+
+    def wrenches(self, multipliers: Array, contacts: Indices) -> tuple[Array, Array]:
+        """`least` (n, C) of each of some contacts for multipliers (n, 6), and with it force and moment (n, C, 6)."""
+        maps = self.maps[contacts]
+        g = np.einsum("cij,ni->ncj", maps, multipliers)
+        best, q = _least(g, self.friction[contacts], self.spines[contacts], self.weight, self.most_N)
+        wrench = np.einsum("cij,ncj->nci", maps, q)
+        if self.bare is None:
+            return best, wrench
+        other, bare = self.bare.wrenches(multipliers, contacts)
+        return np.maximum(best, other), np.where((other > best)[..., None], bare, wrench)
+
+
+def _least(g: Array, friction: Array, spines: Array, w: float, high: float) -> tuple[Array, Array]:
+    """The least for slopes g (..., 4) of (s1, s2, m / k, F), and these where it is."""
+    wanted = -g[..., :3] / (4 * w)  # the cheapest shear and twist, were there no limit
+    beyond = np.maximum(np.abs(wanted) - spines, 0.0)
+    over = np.linalg.norm(beyond, axis=-1)
+    pull, press = np.abs(g[..., 3]), 1.0 / np.maximum(friction, 1.0 / _UNLIMITED)  # normal force a newton of load
+    second = g[..., 3] > 0.0
+    payer, other = np.where(second, press[:, 1], press[:, 0]), np.where(second, press[:, 0], press[:, 1])
+    pressure = np.minimum(pull / (2 * w), high)  # the cheapest normal force on the finger that pays
+    # t: load of each finger. Up to `edge` the one that pays has `pressure`; above, both have what t needs.
+    edge = pressure / payer
+    one = np.clip((4 * w * over - pull * other) / (4 * w + 2 * w * other**2), 0.0, np.minimum(edge, high / other))
+    squares, slope = payer**2 + other**2, pull * (other - payer)
+    both = np.clip((4 * w * over - slope) / (4 * w + 2 * w * squares), edge, high / np.maximum(payer, other))
+    below = w * (other * one) ** 2 + pull * other * one + w * pressure**2 - pull * pressure
+    below += 2 * w * np.maximum(over - one, 0.0) ** 2
+    above = w * squares * both**2 + slope * both + 2 * w * np.maximum(over - both, 0.0) ** 2
+    paid = (both >= edge) & (above < below)
+    best: Array = np.where(paid, above, below) - 2 * w * (wanted**2).sum(axis=-1)
+    load = np.where(paid, both, one)
+    less = np.sign(wanted) * beyond * (1.0 - np.minimum(load / np.maximum(over, 1e-12), 1.0))[..., None]
+    normal = np.where(paid, payer * both, pressure) - other * load
+    return best, np.concatenate([wanted - less, np.where(second, -normal, normal)[..., None]], axis=-1)

@@ -10,9 +10,9 @@ The relaxation, step by step; each only allows more or asks less:
 4. Height and opening of limbs in the air earn what they can at most; speeds cost nothing.
 5. A dynamic program over all sets of grasps and knots (bound.timeline) adds up the cheapest way. Sets of grasps are
    evaluated only where the cheapest way goes, and others by multipliers of those they are most like (bound.similarity).
-   On walls with very many sets all that a hold offers is taken as one, of which the cheapest counts, and where that is
-   too much still, what is left is `floor` and the body's way at full speed: weak, but a bound. Plans that stray so far
-   that they cost more than the J asked about are left out: the bound is never above that J.
+   On walls with very many sets limbs and body go by themselves, tied by multipliers (bound.limb_by_limb), and where
+   that is too much still, what is left is `floor` and the body's way at full speed: weak, but a bound. Plans that stray
+   so far that they cost more than the J asked about are left out: the bound is never above that J.
 
 Work is counted, not timed, so that the bound of a wall is the same number every time.
 """
@@ -26,6 +26,7 @@ import numpy as np
 
 from crux_planner.certificates.bound.excursion import body_range, excursion_cost, quickest_way, range_at, yaw_range
 from crux_planner.certificates.bound.grasps import Grasps, by_faces, grasps
+from crux_planner.certificates.bound.limb_by_limb import LimbByLimb, ascended, size
 from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers, Window
 from crux_planner.certificates.bound.places import orientations
 from crux_planner.certificates.bound.similarity import Similarity
@@ -38,9 +39,13 @@ from crux_planner.solvers import clock
 TIME_LIMIT_S = 20.0
 EFFORT = 0.45  # of the default, in the unit of the next line
 _STATE_S, _PAIR_S, _QP_S = 1.2e-8, 4e-7, 1.5e-3  # effort of a state at a knot, of a evaluated pair, of a QP
+_COST_S, _BODY_S = 3e-8, 5e-3  # the same of a cost in bound.limb_by_limb, and of all else for an ascent's step
+_HEATS = 0.005, 0.002, 0.001  # of J: softer is quicker to ascend, and farther from what is proven
+_MOST, _ASKED, _FEWEST = 20.0, 200, 30  # effort of it; its steps at a time, and those that it takes at least
+_WORTH = 0.002  # of the bound, what more steps add at least
 _FEW = 0.95
 _MANY = 5000  # sets of grasps, beyond which fewer multipliers are asked about all of them
-LARGEST = 100_000  # sets of grasps
+LARGEST = 30_000  # sets of grasps
 _WINDOW = 8  # knots after the start and before the goal at which full speed says where the body can be
 _ROUND = 40  # sets of grasps evaluated in a round, those on the cheapest ways; more where a round takes long
 _SHARED = 50  # times as many learn from their multipliers
@@ -67,9 +72,42 @@ def lower_bound(
     bound = floor(problem) + quickest_way(problem)
     report(min(bound, cost))
     search = _Search.begin(problem, cost, limits)
-    if search is not None:
-        bound = max(bound, search.run(lambda better: report(min(max(better, bound), cost))))
-    return float(min(bound, cost))
+
+    def better(found: float) -> None:
+        report(min(max(found, bound), cost))
+
+    found = _by_limbs(problem, cost, limits, better) if search is None else search.run(better)
+    return float(min(max(bound, found), cost))
+
+
+def _by_limbs(problem: Problem, cost: float, limits: _Limits, report: Callable[[float], None]) -> float:
+    """The ascent of bound.limb_by_limb within the limits, begun with what holds the start's grasps in balance; -inf
+    where limbs have too many swings.
+    """
+    least = floor(problem)
+    box, about = body_range(problem, cost - least), orientations(problem, *yaw_range(problem, cost - least))
+    if size(problem) * _COST_S * _FEWEST > min(limits.effort, _MOST):
+        return -np.inf
+    some = grasps(problem, about, *box, [[own[0]] for own in by_faces(problem)])
+    if some is None:
+        return -np.inf
+    dual, best = LimbByLimb(problem, about, box), -np.inf
+    qp = KnotQp(Multipliers(problem, about, some))
+    x = dual.scaled(qp.multipliers(dict(enumerate(problem.start_contacts)), box))
+    each = _BODY_S + _COST_S * dual.work
+    asked = min(limits.effort / each, _ASKED) / 2
+    for heat in _HEATS:
+        last = -np.inf
+        while best > (1.0 + _WORTH) * last or last == -np.inf:
+            x = ascended(dual, x, heat * max(min(cost, 3 * least), 1.0), int(asked))
+            limits.spend(asked * each)
+            last, best = best, max(best, dual.bound(x))
+            report(best)
+            if best >= cost or limits.reached:
+                return best
+            if np.isfinite(limits.effort):
+                break
+    return best
 
 
 @dataclass
@@ -108,16 +146,13 @@ class _Search:
 
     @staticmethod
     def begin(problem: Problem, cost: float, limits: _Limits) -> _Search | None:
-        """The nodes that may lie on ways that cost less than `cost`: by faces, else by holds; None where those are too
-        many.
-        """
+        """The nodes that may lie on ways that cost less than `cost`; None where those are too many."""
         spare = cost - floor(problem)
         box = body_range(problem, spare)
         about = orientations(problem, *yaw_range(problem, spare))
-        of_holds = grasps(problem, about, *box, by_faces(problem, 1), LARGEST)
-        if of_holds is None:  # by faces there are more
+        nodes = grasps(problem, about, *box, by_faces(problem), LARGEST)
+        if nodes is None:
             return None
-        nodes = grasps(problem, about, *box, by_faces(problem), LARGEST) or of_holds
         multipliers = Multipliers(problem, about, nodes)
         qp = KnotQp(multipliers)
         everything = np.arange(len(nodes.options))

@@ -1,7 +1,7 @@
 """Every set of grasps that the limbs may hold at once, with the boxes of the body's position that it leaves.
 
-A limb's options are groups of contacts: all that a face pair offers or, coarser, all that a hold does; a group costs
-what the cheapest of its contacts does.
+A limb's options are groups of contacts: all that a face pair offers; a group costs what the cheapest of its contacts
+does.
 """
 
 from __future__ import annotations
@@ -93,16 +93,14 @@ class Grasps:
         return np.append(np.minimum.reduceat(of_contacts[np.concatenate(own)], first), 0.0)
 
 
-def by_faces(problem: Problem, pairs: int = 2) -> Groups:
-    """What each face pair of each hold offers a group: one grasp in the middle, or several along it. With one of the
-    `pairs` told apart, all that a hold offers.
-    """
+def by_faces(problem: Problem) -> Groups:
+    """What each face pair of each hold offers a group: one grasp in the middle, or several along it."""
     groups: Groups = []
     for limb in range(4):
         alike: dict[tuple[int, int], list[int]] = {}
         for c in distinct(problem, limb):
             contact = problem.contacts[c]
-            alike.setdefault((contact.hold, contact.pair % pairs), []).append(int(c))
+            alike.setdefault((contact.hold, contact.pair), []).append(int(c))
         groups.append([np.array(own) for own in alike.values()])
     return groups
 

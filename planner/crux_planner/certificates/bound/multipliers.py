@@ -42,6 +42,47 @@ class Window:
     rest: Array  # (P, T, 2, 3) as CentreOfMass.within has it
 
 
+@dataclass(frozen=True)
+class Accelerations:
+    """What accelerations may add to the right side of balance at most, and where the centre of mass is off r."""
+
+    offset: tuple[Array, Array]  # (3,) and (3,)
+    push_N: float  # largest M a along an axis
+    spin_Nm: float  # largest |I alpha + omega x I omega|
+
+    @staticmethod
+    def of(problem: Problem, about: Orientations) -> Accelerations:
+        """For all speeds within (7) and all headings of `about`."""
+        yaw = max(-float(about.yaw_low[0]), float(about.yaw_high[-1]))
+        speed, rate, dt = problem.body.max_speed_m_s, problem.body.max_rate_rad_s, problem.dt_s
+        inertia = float(np.linalg.eigvalsh(problem.inertia_b).max())
+        spin = inertia * (2 * 3**0.5 * rate / dt + 3 * rate**2)
+        return Accelerations(
+            offset_bounds(problem, gripper_spans(problem), yaw), problem.mass_kg * 2 * speed / dt, spin
+        )
+
+    def most(self, multipliers: Array, low: Array, high: Array) -> Array:
+        """(n,) for bodies in boxes (n, 3), multipliers (6,) or (n, 6)."""
+        lever, _, other = self._levers(multipliers, low, high)
+        moment = multipliers[..., 3:]
+        push = np.abs(lever).sum(axis=1) + (np.abs(moment) * other).sum(axis=1)
+        return np.asarray(self.push_N * push + self.spin_Nm * np.linalg.norm(moment, axis=-1))
+
+    def slopes(self, multipliers: Array, low: Array, high: Array) -> Array:
+        """Of `most` in multipliers (n, 6)."""
+        lever, middle, other = self._levers(multipliers, low, high)
+        side, moment = np.sign(lever), multipliers[:, 3:]
+        turn = moment / np.maximum(np.linalg.norm(moment, axis=1), 1e-12)[:, None]
+        by_moment = self.push_N * (np.cross(middle, side) + np.sign(moment) * other) + self.spin_Nm * turn
+        return np.hstack([self.push_N * side, by_moment])
+
+    def _levers(self, multipliers: Array, low: Array, high: Array) -> tuple[Array, Array, Array]:
+        """What a newton does in the middle of where the centre of mass is, that, and what is added across each axis."""
+        arm_low, arm_high = low + self.offset[0], high + self.offset[1]
+        middle, half = (arm_low + arm_high) / 2, np.maximum(arm_high - arm_low, 0.0) / 2
+        return multipliers[..., :3] + np.cross(multipliers[..., 3:], middle), middle, half.sum(axis=1)[:, None] - half
+
+
 class Multipliers:
     """Values of multipliers for the nodes of a problem."""
 
@@ -50,15 +91,11 @@ class Multipliers:
         self.carriers = Carriers.of(problem)
         yaw = max(-float(about.yaw_low[0]), float(about.yaw_high[-1]))
         spans = gripper_spans(problem)
-        self.offset = offset_bounds(problem, spans, yaw)  # of the centre of mass from r, (3,) and (3,)
+        self.accelerations = Accelerations.of(problem, about)
         self.masses = CentreOfMass(problem, about)
         self.rest = self.masses.anywhere[0]
         self._off = [np.array(yawed_bounds(low, high, yaw)) for low, high in zip(*spans, strict=True)]
         self._places = np.stack([contact.centre_h_m for contact in problem.contacts])
-        speed, rate, dt = problem.body.max_speed_m_s, problem.body.max_rate_rad_s, problem.dt_s
-        self._push = problem.mass_kg * 2 * speed / dt  # largest M a along an axis
-        inertia = float(np.linalg.eigvalsh(problem.inertia_b).max())
-        self._spin = inertia * (2 * 3**0.5 * rate / dt + 3 * rate**2)  # largest |I alpha + omega x I omega|
         self._take(nodes)
 
     def _take(self, nodes: Grasps) -> None:
@@ -168,12 +205,7 @@ class Multipliers:
             near, far = np.maximum(near, box[0][2]), np.minimum(far, box[1][2])
         total = total + np.where(near > far, np.inf, self._axis(2, by_body[:, 2], near, far))
         arm_low[:, 2], arm_high[:, 2] = near, far
-        arm_low, arm_high = arm_low + self.offset[0], arm_high + self.offset[1]
-        middle, half = (arm_low + arm_high) / 2, np.maximum(arm_high - arm_low, 0.0) / 2
-        help_ = np.abs(force + np.cross(moment, middle)).sum(axis=1)
-        size = np.abs(moment)
-        help_ += (half[:, [1, 2, 0]] * size[..., [2, 0, 1]] + half[:, [2, 0, 1]] * size[..., [1, 2, 0]]).sum(axis=1)
-        return np.asarray(total - self._push * help_ - self._spin * np.linalg.norm(moment, axis=-1))
+        return np.asarray(total - self.accelerations.most(multipliers, arm_low, arm_high))
 
     def _axis(self, axis: int, slope: Array, near: Array, far: Array) -> Array:
         """Least of Q (r - g)^2 + slope r for r in [near, far]."""

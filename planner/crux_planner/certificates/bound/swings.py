@@ -21,8 +21,10 @@ def earned(problem: Problem) -> float:
     return min(lift, 0.0) + min(opening, 0.0)
 
 
-def knots_in_air(problem: Problem, contacts: Indices) -> Array:
-    """(C, C) of the quickest swings between contacts: up, across, down as in swing.swing; inf on the diagonal."""
+def knots_in_air(problem: Problem, contacts: Indices, *, back: bool = False) -> Array:
+    """(C, C) of the quickest swings between contacts: up, across, down as in swing.swing; inf on the diagonal, but for
+    swings that lead `back` to where they began.
+    """
     limits = problem.swing
     reach, turn = STEP_SHARE * limits.speed_m_s * limits.dt_s, STEP_SHARE * limits.yaw_rate_rad_s * limits.dt_s
     own = [problem.contacts[c] for c in contacts]
@@ -35,7 +37,8 @@ def knots_in_air(problem: Problem, contacts: Indices) -> Array:
     turned = np.abs(yaw[:, None] - yaw) % np.pi
     turned = np.minimum(turned, np.pi - turned) / turn  # fingers may be swapped
     air: Array = ups + downs + np.maximum(np.ceil(np.maximum(across, turned) - 1e-9), 1.0)
-    np.fill_diagonal(air, np.inf)
+    if not back:
+        np.fill_diagonal(air, np.inf)
     return air
 
 
@@ -51,15 +54,35 @@ def airborne(problem: Problem, contacts: Indices) -> tuple[Array, Array]:
     own = [problem.contacts[c].centre_h_m for c in contacts]
     low, high = np.min(own, axis=0), np.max(own, axis=0)
     high[2] = max(high[2], problem.swing.max_height_m)
+    first, last = _around_tall(problem)
+    if len(first):
+        low[:2], high[:2] = np.minimum(low[:2], first.min(axis=0)), np.maximum(high[:2], last.max(axis=0))
+    return low, high
+
+
+def swing_ranges(problem: Problem, contacts: Indices, begins: Indices, lands: Indices) -> tuple[Array, Array]:
+    """Bounds (P, 3), (P, 3) in H of a gripper on swings between `contacts`, by their places there: the line between
+    both ends, and round what is too tall wherever that comes near what it has to go round already.
+    """
+    place = np.stack([problem.contacts[c].centre_h_m for c in contacts])
+    low, high = np.minimum(place[begins], place[lands]), np.maximum(place[begins], place[lands])
+    high[:, 2] = np.maximum(high[:, 2], problem.swing.max_height_m)
+    first, last = _around_tall(problem)
+    for _ in range(len(first)):
+        for start, end in zip(first, last, strict=True):
+            near = ((low[:, :2] <= end) & (start <= high[:, :2])).all(axis=1)
+            low[near, :2], high[near, :2] = np.minimum(low[near, :2], start), np.maximum(high[near, :2], end)
+    return low, high
+
+
+def _around_tall(problem: Problem) -> tuple[Array, Array]:
+    """Bounds (n, 2), (n, 2) of where grippers go round what they cannot go over."""
     cuboids, limits, shape = problem.cuboids, problem.swing, problem.shape
     tall = np.flatnonzero(cuboids.top_m + limits.clearance_m + HEIGHT_RESERVE_M > limits.max_height_m)
-    if len(tall):
-        wide = np.linalg.norm(cuboids.half_m[tall, :2], axis=1)[:, None]
-        wide = wide + 2**0.5 * (limits.clearance_m + shape.half_length(shape.largest_opening) + shape.pad_radius)
-        foot = cuboids.foot_h_m[tall, :2]
-        low[:2] = np.minimum(low[:2], (foot - wide).min(axis=0))
-        high[:2] = np.maximum(high[:2], (foot + wide).max(axis=0))
-    return low, high
+    wide = np.linalg.norm(cuboids.half_m[tall, :2], axis=1)[:, None]
+    wide = wide + 2**0.5 * (limits.clearance_m + shape.half_length(shape.largest_opening) + shape.pad_radius)
+    foot = cuboids.foot_h_m[tall, :2]
+    return foot - wide, foot + wide
 
 
 def ends(problem: Problem, limb: int, contacts: Indices) -> Indices:
