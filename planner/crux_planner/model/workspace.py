@@ -250,7 +250,7 @@ def _polygon(points: Array, ok: Flags, normals: Array, within: Array) -> Array:
     """How far (k,) a polygon with edges along `normals` (k, 2) may go that has no point (n, 2) but those that are `ok`.
 
     One by one the edge moves that gives up the fewest points for the bad point that costs most; it goes around
-    `within`.
+    `within`, and bad points in there stay.
     """
     along = points @ normals.T
     least = (within @ normals.T).max(axis=0) - 1e-9
@@ -258,11 +258,12 @@ def _polygon(points: Array, ok: Flags, normals: Array, within: Array) -> Array:
     while True:
         inside = (along <= most + 1e-9).all(axis=1)
         bad, good = along[inside & ~ok], np.sort(along[inside & ok], axis=0)
-        if len(bad) == 0:
-            return np.asarray(most)
         left = np.stack([np.searchsorted(g, b - 1e-9) for g, b in zip(good.T, bad.T, strict=True)], axis=1)
         bound = np.take_along_axis(good, np.maximum(left - 1, 0), axis=0)
         lost = np.where((left > 0) & (bound >= least), len(good) - left, len(good) + 1)
+        lost[lost.min(axis=1) > len(good)] = -1  # `within` has them, so no edge may leave them out
+        if not (lost >= 0).any():
+            return np.asarray(most)
         worst = int(np.argmax(lost.min(axis=1)))
         edge = int(np.argmin(lost[worst]))
         most[edge] = bound[worst, edge]

@@ -175,6 +175,15 @@ def test_inner_sets_hold_the_boxes_and_are_mirror_images(reach: LimbReach) -> No
     np.testing.assert_allclose(reach.inner.centre_b_m * sides, np.abs(reach.inner.centre_b_m[[0]]).repeat(4, axis=0))
 
 
+def test_a_polygon_leaves_out_what_is_not_reached_but_in_the_box_that_it_goes_around() -> None:
+    points = np.stack(np.meshgrid(np.arange(-5.0, 6.0), np.arange(-5.0, 6.0), indexing="ij"), axis=-1).reshape(-1, 2)
+    corners = np.array([[-2.0, -2.0], [-2.0, 2.0], [2.0, -2.0], [2.0, 2.0]])
+    missing = np.array([[1.0, 0.0], [4.0, 1.0]])  # one of them in the box
+    ok = ~(points[:, None] == missing).all(axis=2).any(axis=1)
+    normals = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    assert workspace._polygon(points, ok, normals, corners).tolist() == [3.0, 5.0, 5.0, 5.0]
+
+
 def test_what_a_robot_reaches_is_computed_once(
     robot: Robot, reach: LimbReach, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
