@@ -86,7 +86,8 @@ def test_every_locked_package_is_in_notice_and_no_other() -> None:
 
 def test_what_is_copied_into_the_repository_is_named_with_its_licence() -> None:
     folder = ROOT / "tools/crux_tools/view/page/three"
-    assert table(COPIED) == {"three.js": "MIT"}
+    assert table(COPIED) == {"three.js": "MIT", "scaler.urdf": "MIT"}
+    assert "MIT License" in (ROOT / "examples" / "makers-scaler" / "LICENSE").read_text(encoding="utf-8")
     assert "The MIT License" in (folder / "LICENSE").read_text(encoding="utf-8")
     assert "@license\n * Copyright 2010" in (folder / "three.core.min.js").read_text(encoding="utf-8")[:60]
 

@@ -35,6 +35,8 @@ RUN: dict[str, tuple[list[str], set[int]]] = {
     r"crux replay LOG --no-view": ([], {0}),
     r"crux plan my-wall.yaml -o out/my-wall.mcap": ([], {0}),
     r"crux check (out/my-wall.mcap|PLAN.mcap)": ([], {0}),
+    r"crux robot import examples/\S+ -o robots/makers": ([], {2}),  # without a mapping: says what one needs
+    r"crux robot (import .* --mapping .*|check robots/makers)": ([], {0}),
     r"crux log (ls.*|info .*|note .*|cut .*|merge .*|recover .*|export .*|lcm .*)": ([], {0}),
     r"crux (key (new|show.*)|completion bash|((plan|robot import) )?--help)": ([], {0}),
 }
@@ -45,7 +47,10 @@ CLIMB: dict[str, tuple[list[str], set[int]]] = {
 SWEEP: dict[str, tuple[list[str], set[int]]] = {
     r"crux plan msgs/scenarios/climb-four-holds.yaml -o .*": ([], {0}),
     r"crux climb out/plan.mcap -o out/climb.mcap": ([], {0}),
-    r"crux climb out/my-wall.mcap -o out/my-climb.mcap": ([], {0}),
+    r"crux robot check makers --wall out/first-wall.yaml": ([], {0}),
+    r"crux plan out/first-wall.yaml -o .*": ([], {0}),
+    r"crux check out/first-wall.mcap": ([], {0}),
+    r"crux climb out/first-wall.mcap -o .*": ([], {0}),
     r"crux climb out/plan.mcap -o out/(slick|cut).mcap .*": ([], {1}),
     r"crux report out/(telemetry|climb).mcap .*": ([], {0}),
     r"crux replay LOG(.mcap)? --check.*": ([], {0}),
@@ -71,7 +76,6 @@ ELSEWHERE = {
     r"crux plan SCENARIO -o FOLDER --stream": ("tests/planner/pipeline/test_route.py", '"--stream"'),
     r"crux upload FOLDER": ("tests/tools/test_route_upload.py", "upload_route"),
     r"crux climb FOLDER -o LOG": ("tests/tools/test_route_climb.py", "climb_here"),
-    r"crux robot import maker.urdf .*|crux robot check robots/mine.*": ("tests/tools/test_robot_import.py", '"import"'),
     r"crux wall import .*": ("tests/tools/test_wall_import.py", '"import"'),
     r"crux wall check .*": ("tests/tools/test_wall_check.py", '"check"'),
     r"crux robot check .*": ("tests/tools/test_robot_check.py", '"check"'),
@@ -126,11 +130,17 @@ def has_the_options(words: list[str]) -> str | None:
     return f"unknown: {wrong}" if wrong else None
 
 
+def sets_a_variable(words: list[str]) -> str | None:
+    """export: what follows, and every command that is run, has it in its environment."""
+    return None if re.fullmatch(r"[A-Z_]+=\S+", words[-1]) else f"{words}: expected one NAME=VALUE"
+
+
 DRY: dict[str, Callable[[list[str]], str | None]] = {
     r"(python -m )?pytest.*": selects_tests,
     r"ctest .*": lists_tests,
     r"make .*": is_a_target,
     r"crux-runtime .*": has_the_options,
+    r"export .*": sets_a_variable,
 }
 TABLES: tuple[Mapping[str, object], ...] = (CLIMB, SWEEP, ELSEWHERE, NOT_RUN, RUN, DRY)
 
@@ -210,7 +220,8 @@ def run(table: dict[str, tuple[list[str], set[int]]], folder: Path) -> None:
     """All commands of a table, in a process of their own; against a runtime that takes every command."""
     commands = [(command, place[1]) for command in given() if (place := chosen(command)) and TABLES[place[0]] is table]
     tasks = folder / "tasks.json"
-    home = {"HOME": str(folder), "XDG_CONFIG_HOME": str(folder / "config"), "XDG_CACHE_HOME": str(folder / "cache")}
+    home = dict(command.words[-1].split("=", 1) for command in given() if command.words[0] == "export")
+    home |= {"HOME": str(folder), "XDG_CONFIG_HOME": str(folder / "config"), "XDG_CACHE_HOME": str(folder / "cache")}
     with run_ports() as ports, FakeRuntime(ports.lcm_url):
         words = [
             (

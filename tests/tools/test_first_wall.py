@@ -14,8 +14,8 @@ from climbs import climb_here, saved
 from crux_contracts.robot import ROBOTS, Robot
 from crux_contracts.scenario import load_scenario
 from crux_tools import cli
+from crux_tools.paths import ROOT
 from crux_tools.robot import first_wall
-from makers_urdf import makers_files
 
 
 def fitted(robot: str, wall: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
@@ -60,8 +60,9 @@ def test_weak_motors_get_a_gentle_one_or_none(
 
 
 def imported(folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
-    urdf, mapping = makers_files(folder)
-    words = ["robot", "import", str(urdf), "--mapping", str(mapping), "-o", str(folder / "robots" / "makers")]
+    maker = ROOT / "examples" / "makers-scaler"
+    words = ["robot", "import", str(maker / "scaler.urdf"), "--mapping", str(maker / "mapping.yaml")]
+    words += ["-o", str(folder / "robots" / "makers")]
     assert cli.main(words) == 0
     capsys.readouterr()
     return str(folder / "robots" / "makers")

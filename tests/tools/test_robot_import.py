@@ -18,7 +18,7 @@ from crux_planner.checker.parts import shapes
 from crux_planner.model.chain import forward
 from crux_planner.model.shapes import limb_radii_m
 from crux_tools import cli
-from makers_urdf import makers_files
+from crux_tools.paths import ROOT
 from other_counts import with_joints
 
 LIMBS = {"LF": "", "RF": "1", "LR": "3", "RR": "2"}
@@ -288,8 +288,11 @@ def masses(path: Path) -> dict[str, float]:
     return found
 
 
-def test_a_robot_of_meshes_like_its_makers_have_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    urdf, mapping = makers_files(tmp_path)
+MAKERS = ROOT / "examples" / "makers-scaler"
+
+
+def test_the_scaler_of_its_makers_comes_in(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf, mapping = MAKERS / "scaler.urdf", MAKERS / "mapping.yaml"
     words = ["robot", "import", str(urdf), "--mapping", str(mapping), "-o", str(tmp_path / "robot"), "--json"]
     assert cli.main(words) == 0
     assert json.loads(capsys.readouterr().out)["problems"] == []
@@ -304,7 +307,7 @@ def test_a_robot_of_meshes_like_its_makers_have_it(tmp_path: Path, capsys: pytes
             place = model.joints[model.getJointId(joint.removeprefix(f"{name}_") + str(n))].idx_q
             q[place : place + 2] = np.cos(angle), np.sin(angle)
         pinocchio.framesForwardKinematics(model, data, q)
-        hand = data.oMf[model.getFrameId(f"mark{n}")]
+        hand = data.oMf[model.getFrameId(f"fk_gripper{n}_link")]
         here = forward(limb.at_zero, q_rad[None])
         assert here.gripper_m[:, 0] == pytest.approx(hand.translation, abs=5e-5)
         assert here.rotation[..., 0] == pytest.approx(hand.rotation, abs=2e-4)
