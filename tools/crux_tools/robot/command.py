@@ -33,11 +33,11 @@ def _add_import(actions: Any) -> None:
     from crux_tools.robot.mapping import EXAMPLE
 
     how = taught(
-        "Makes a robot folder of a maker's URDF: a body, and limbs of four to seven joints, a gripper and two fingers. "
-        "What is fixed or locked to a link becomes part of it; frames, senses and names become crux's. What a URDF "
-        "cannot say stands in a mapping; everything that neither says is listed at once, and nothing is written then. "
-        "Exit status 0 also where planner and runtime do not take the robot yet: `crux robot check` gives every "
-        "reason.",
+        "Makes a robot folder of a maker's URDF, or of xacro where `pip install xacro` has installed that: a body, "
+        "and limbs of four to seven joints, a gripper and two fingers. What is fixed or locked to a link becomes "
+        "part of it; frames, senses and names become crux's. What a URDF cannot say stands in a mapping; everything "
+        "that neither says is listed at once, and nothing is written then. Exit status 0 also where planner and "
+        "runtime do not take the robot yet: `crux robot check` gives every reason.",
         "crux robot import maker.urdf --mapping mapping.yaml -o robots/mine",
     )
     how["epilog"] += "\n\na mapping:\n" + textwrap.indent(EXAMPLE, "  ")
@@ -45,6 +45,13 @@ def _add_import(actions: Any) -> None:
     parser.add_argument("urdf", type=Path, metavar="URDF", help="of the robot's makers")
     parser.add_argument("--mapping", type=Path, metavar="FILE", help="what the URDF does not say (see below)")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="the new robot folder")
+    parser.add_argument(
+        "--xacro",
+        action="append",
+        default=[],
+        metavar="NAME:=VALUE",
+        help="an argument of a xacro file; may be repeated",
+    )
     add_json_option(parser)
     parser.set_defaults(action=_import)
 
@@ -53,7 +60,7 @@ def _import(options: argparse.Namespace) -> int:
     from crux_tools.output import note, print_json
     from crux_tools.robot.imported import imported
 
-    done = imported(options.urdf, options.mapping, options.output)
+    done = imported(options.urdf, options.mapping, options.output, options.xacro)
     for line in done.assumed:
         note(line)
     taken = "take it" if not done.problems else f"do not take it, for {len(done.problems)} reasons"

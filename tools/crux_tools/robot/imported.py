@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from crux_tools.robot.facts import Facts, JointFacts
 from crux_tools.robot.mapping import Mapping, MappingError, read_mapping
 from crux_tools.robot.serial import NO_GRIPPER, Reader
 from crux_tools.robot.written import Hand, robot_yaml, urdf_text
+from crux_tools.robot.xacro_file import arguments_of, expanded, is_xacro
 
 MESH = "<mesh>"  # of problems that an import has a cure for
 
@@ -28,15 +29,17 @@ class Imported:
     problems: list[str]
 
 
-def imported(urdf_path: Path, mapping_path: Path | None, folder: Path) -> Imported:
-    """Raises DocumentError with everything that is missing or wrong; then nothing is written."""
+def imported(urdf_path: Path, mapping_path: Path | None, folder: Path, xacro: Sequence[str] = ()) -> Imported:
+    """Of a URDF, or a xacro file and its arguments NAME:=VALUE. Raises DocumentError with everything that is missing or
+    wrong; then nothing is written.
+    """
     if folder.exists() and any(folder.iterdir()):
         raise UsageError(f"{folder}: is there already: name another folder, or take it away")
     problems: list[Problem] = []
     mapping = read_mapping(mapping_path, problems)
     text = read_bytes(urdf_path)
-    if b"<xacro:" in re.sub(rb"<!--.*?-->", b"", text, flags=re.DOTALL):
-        raise UsageError(f"{urdf_path}: is xacro: make a URDF of it first, by `xacro FILE -o robot.urdf`")
+    if is_xacro(urdf_path, text):
+        text = expanded(urdf_path, text, arguments_of(xacro))
     root = parse_xml(text, str(urdf_path))
     urdf, found = read_urdf(root, str(urdf_path))
     if urdf is None:
