@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import crux_planner
+import numpy as np
 import pytest
 from climbs import climb_here, saved
-from crux_contracts.robot import ROBOTS, Robot
+from crux_contracts.robot import ROBOTS, Robot, load_robot
 from crux_contracts.scenario import load_scenario
+from crux_planner.method_report import first_walls
 from crux_tools import cli
 from crux_tools.paths import ROOT
 from crux_tools.robot import first_wall
@@ -27,7 +31,16 @@ def fitted(robot: str, wall: Path, capsys: pytest.CaptureFixture[str]) -> dict[s
 
 def test_the_shipped_robot_climbs_a_vertical_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wall = tmp_path / "wall.yaml"
-    assert fitted("scaler", wall, capsys)["verdict"] == "good"
+    found = fitted("scaler", wall, capsys)
+    assert found["verdict"] == "good"
+    said = r"joints turn up to (\d+) rad for a metre of a gripper .* as stiff as (\d+) N/mm and stay (0.\d+) rad"
+    turning = re.search(said, found["found"])
+    assert turning is not None, found
+    assert [int(turning[1]), int(turning[2]), float(turning[3])] == [
+        pytest.approx(9, abs=1),
+        pytest.approx(10, abs=3),
+        pytest.approx(0.5, abs=0.3),
+    ]
     scenario = load_scenario(wall)
     assert scenario.wall.slope_deg == 90
     assert {grasp.hold for grasp in scenario.goal.grasps.values()} == {"LF-high", "RF-high", "LR-high", "RR-high"}
@@ -95,6 +108,21 @@ def test_an_imported_robot_gets_one(
     monkeypatch.setenv("CRUX_ROBOTS", str(tmp_path / "robots"))
     assert fitted(robot, wall, capsys)["verdict"] == "good"
     assert load_scenario(wall).wall.slope_deg >= 30
+
+
+def test_a_limb_near_a_singular_posture_is_told_of_and_nothing_is_planned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turning = np.array([9.0, 31.0, 12.0, 9.0])
+    walls = [replace(wall, turns_rad_m=turning) for wall in itertools.islice(first_walls(load_robot("scaler")), 2)]
+    monkeypatch.setattr(first_wall, "first_walls", lambda _robot: iter(walls))
+    monkeypatch.setattr(first_wall, "plan", lambda *_: pytest.fail("planned"))
+    found = fitted("scaler", tmp_path / "wall.yaml", capsys)
+    assert found["verdict"] == "bad"
+    assert "none fits: joints turn up to 31 rad for a metre of a gripper (RF" in found["found"]
+    assert "expected at most 20 rad" in found["found"]
+    assert "RF is near a singular posture" in found["remedy"]
+    assert not (tmp_path / "wall.yaml").exists()
 
 
 @pytest.mark.sweep

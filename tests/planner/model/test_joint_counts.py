@@ -84,7 +84,8 @@ def test_a_grip_that_the_joints_do_not_make_is_told_of(tmp_path: Path) -> None:
     at = np.array([[x, y, -0.153, 0.0] for x in (0.3755, -0.3755) for y in (0.144, -0.144)])
     for aside_m in (0.0, 0.05):
         grippers = at + np.array([[0.0, aside_m, 0.0, 0.0], *[[0.0] * 4] * 3])
-        scenario = parse_scenario(FirstWall(robot, grippers, 0.12, 0.188).document(0.0, 2.2), any_robot=True)
+        wall = FirstWall(robot, grippers, 0.12, 0.188, *np.zeros((3, 4)))
+        scenario = parse_scenario(wall.document(0.0, 2.2), any_robot=True)
         problem = build_problem(scenario, robot)
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
         if not aside_m:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
+from crux_contracts import LIMB_NAMES
 from crux_contracts.output_file import write_whole
 from crux_contracts.robot import Robot, robot_folders
 from crux_planner import InfeasibleError, plan
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 SLOPES_DEG = (90, 75, 60, 45, 30, 15, 0)
 MOST_SHARE = 0.75  # of the peak torques on three limbs: the planner keeps a quarter
 TRIES = 3  # slopes that are planned
+MOST_RAD_M = (
+    20  # that joints may turn for a metre of a gripper: 0.4 rad from one place of the planner's maps to the next
+)
 ASIDE = (-0.5, 0.0, 0.5)  # steps by which the body may be below or above its holds' middle for a lift
 
 
@@ -37,6 +41,10 @@ def fitted(robot: Robot, model: WholeRobot, friction: float, path: Path) -> Find
     if not walls:
         remedy = "no four holds that the limbs reach all along a step: other limits, body.height_m or gripper_yaw_rad"
         return Finding("first wall", BAD, "none fits", remedy)
+    quiet = [wall for wall in walls if wall.turns_rad_m.max() <= MOST_RAD_M]
+    if not quiet:
+        return _near_singular(min(walls, key=lambda wall: float(wall.turns_rad_m.max())))
+    walls = quiet
     stances = [[_standing(wall, model, aside * wall.stride_m) for aside in ASIDE] for wall in walls]
     found, tries = "none fits: the motors bear no slope", 0
     remedy = f"stronger motors or a lighter robot: on three limbs no more than {MOST_SHARE:g} of the peak torques"
@@ -58,8 +66,28 @@ def fitted(robot: Robot, model: WholeRobot, friction: float, path: Path) -> Find
             continue
         _write(path, document, robot)
         what = f"{path}: {slope} degrees, a step of {walls[chosen].stride_m:g} m, {share:.2f} of the peak torques"
-        return _said(what, robot, path)
+        return _said(f"{what}; {_turning(walls[chosen])}", robot, path)
     return Finding("first wall", BAD, found, remedy)
+
+
+def _near_singular(wall: FirstWall) -> Finding:
+    """Of the wall on which joints turn least, and still too much."""
+    limb = int(wall.turns_rad_m.argmax())
+    what = f"none fits: {_turning(wall)}; expected at most {MOST_RAD_M} rad"
+    remedy = f"{LIMB_NAMES[limb]} is near a singular posture: other joint limits, shoulder, links or body.height_m"
+    return Finding("first wall", BAD, what, remedy)
+
+
+def _turning(wall: FirstWall) -> str:
+    """What the joints do on the wall's step, and what that means."""
+    limb = int(wall.turns_rad_m.argmax())
+    slowest = min(joint.velocity for joint in wall.robot.limbs[limb].joints)
+    speed, stiffest = slowest / wall.turns_rad_m[limb], wall.stiffness_N_m.max()
+    return (
+        f"joints turn up to {wall.turns_rad_m[limb]:.0f} rad for a metre of a gripper ({LIMB_NAMES[limb]}, at "
+        f"{speed:.2f} m/s as fast as they can), make it as stiff as {stiffest / 1000:.0f} N/mm and stay "
+        f"{wall.margin_rad.min():.2f} rad off their limits"
+    )
 
 
 def _write(path: Path, document: dict[str, Any], robot: Robot) -> None:
