@@ -5,6 +5,7 @@
 
 #include "core/grips/shares.hpp"
 #include "core/grips/squeeze.hpp"
+#include "core/plan/plan_join.hpp"
 #include "core/plan/plan_preparation.hpp"
 #include "core/robot/gravity.hpp"
 #include "core/supervise/loop_errors.hpp"
@@ -48,17 +49,35 @@ std::string ControlCore::load_plan(const crux_msgs::plan_t& plan) {
   return in_words(exchange_plan(prepared.value()));
 }
 
-Reason ControlCore::extend_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept {
+Reason ControlCore::change_plan_ahead(std::unique_ptr<const PreparedPlan>& plan) noexcept {
   if (!plan || plan->follows != plan_->plan_id) return {"the robot is climbing; hold it first"};
-  // The body's way through its last interval depends on what comes after it.
-  if (clock_.now().interval + 1 >= plan_->intervals())
-    return {"the plan that runs is about to end; go on when the robot holds"};
+  const int here = clock_.now().interval;
+  // The body's way through the last interval that both have depends on what comes after it.
+  if (here + 1 >= plan->shared) {
+    if (plan->shared == plan_->intervals()) return {"the plan that runs is about to end; go on when the robot holds"};
+    return {"the robot is about to pass the stance from which this plan goes on otherwise than the one that runs"};
+  }
+  if (supervisor_.motion() != Motion::kForward && plan->shared < plan_->intervals())
+    return {"the robot climbs a single step, or back; another way on is taken when it climbs forward or holds"};
+  for (int l = 0; l < kLimbs; ++l) {
+    if (!reference_.limbs[l].gripping() && grips_elsewhere(*plan, *plan_, here + 1, l))
+      return {"the limb is in the air, and this plan has it land elsewhere", l};
+  }
   plan_.swap(plan);
+  const PlanReference now = play(*plan_, clock_.now());
+  for (int l = 0; l < kLimbs; ++l) {
+    LimbReference& limb = reference_.limbs[l];
+    if (!limb.gripping() || !grips_elsewhere(*plan_, *plan, here, l)) continue;
+    const LimbReference before = limb;
+    limb.gripper_position_W_m = now.limbs[l].gripper_position_W_m;
+    limb.gripper_yaw_W_rad = now.limbs[l].gripper_yaw_W_rad;
+    limbs_[l].regrip(before, limb);
+  }
   return {};
 }
 
 Reason ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept {
-  if (supervisor_.state() == SupervisorState::kClimbing) return extend_plan(plan);
+  if (supervisor_.state() == SupervisorState::kClimbing) return change_plan_ahead(plan);
   if (supervisor_.state() != SupervisorState::kIdle && plan) {
     const PlanReference start = play(*plan, {});
     if (const Reason off = off_stance(view(), start)) return off;

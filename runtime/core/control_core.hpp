@@ -49,9 +49,9 @@ class ControlCore {
   std::string load_plan(const crux_msgs::plan_t& plan);
 
   /// Takes over a plan prepared elsewhere (prepare_plan); `plan` becomes the one there was before, to be freed outside
-  /// the real-time thread. Nothing changes where it is refused: while climbing, unless it goes on where the one there
-  /// was ends (plan_join), and where the robot is controlled and the plan begins elsewhere. A stance that is controlled
-  /// is controlled on, with the limbs in the air that it has.
+  /// the real-time thread. Nothing changes where it is refused: while climbing, unless it goes on from a stance of the
+  /// one there was to which the robot has not come yet (plan_join), and where the robot is controlled and the plan
+  /// begins elsewhere. A stance that is controlled is controlled on, with the limbs in the air that it has.
   Reason exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept;
 
   /// Before the first cycle, with the plan loaded that `left` names: the robot hangs on the wall in the middle of that
@@ -106,8 +106,8 @@ class ControlCore {
   /// Decides on what restore() was told, where that is due.
   void take_up() noexcept;
   void begin_again() noexcept;
+  Reason change_plan_ahead(std::unique_ptr<const PreparedPlan>& plan) noexcept;
   /// The plan in reference_ takes the stance over from `before`.
-  Reason extend_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept;
   void hand_over(const PlanReference& before) noexcept;
   LoopErrors errors(double late_s) const noexcept;
   /// Control begins or ends, and the plan's clock departs, as the supervisor decided. `well`: control may take over.

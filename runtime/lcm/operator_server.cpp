@@ -315,7 +315,8 @@ std::string OperatorServer::plan_defect(const std::string& plan_id, plan_t& plan
     return "the pieces announce plan '" + plan_id + "', the plan itself says '" + plan.plan_id + "'";
   const bool climbing = exchange_.supervisor_state.load(std::memory_order_relaxed) == robot_state_t::CLIMBING;
   const std::string apart = climbing ? join_defect(loaded_plan_, plan) : "";
-  if (!apart.empty()) return "the robot is climbing; hold it first, or go on where the loaded plan ends: " + apart;
+  if (!apart.empty())
+    return "the robot is climbing; hold it first, or go on from a stance of the loaded plan: " + apart;
   Result<std::unique_ptr<const PreparedPlan>> result = prepare_plan(robot_, plan);
   if (!result) return result.reason();
   prepared = std::move(result.value());

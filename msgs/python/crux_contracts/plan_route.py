@@ -4,15 +4,18 @@ ends. A part is there as soon as its file is; the folder tells no more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from crux_msgs import hold_t, plan_t
+from crux_msgs import hold_t, limb_knot_t, plan_t
 
 from . import LIMB_NAMES
 from .plan_file import PlanFileError, plan_id, read_plan
 
 TOLERANCE = 1e-6  # between the end of a part and the start of the next: m, rad
+FOUND_M, FOUND_RAD = 0.05, 0.2  # from where a plan has a grip: one that is found farther off is another
+_BODY = ("body_position_w_m", "body_rpy_rad")
 
 
 def part_path(folder: Path, number: int) -> Path:
@@ -45,7 +48,7 @@ def misfit(before: plan_t, part: plan_t) -> str:
     if max(abs(a - b) for a, b in zip(before.gravity_w_m_s2, part.gravity_w_m_s2, strict=True)) > TOLERANCE:
         return "another gravity"
     end, begin = before.knots[-1], part.knots[0]
-    for name in ("body_position_w_m", "body_rpy_rad"):
+    for name in _BODY:
         if (off := _off(getattr(end, name), getattr(begin, name))) > TOLERANCE:
             return f"the body begins {off:.3g} off in {name}"
     for limb, held, holds in zip(LIMB_NAMES, end.limbs, begin.limbs, strict=True):
@@ -57,32 +60,92 @@ def misfit(before: plan_t, part: plan_t) -> str:
     return ""
 
 
-def _off(one: list[float], other: list[float]) -> float:
+def _off(one: Sequence[float], other: Sequence[float]) -> float:
     return max(abs(a - b) for a, b in zip(one, other, strict=True))
 
 
-def joined(before: plan_t, part: plan_t) -> plan_t:
-    """Both as one plan, as the runtime joins them: the knots of `before` less its last one, then those of `part`, whose
-    scenario has the goal.
+def join_knot(before: plan_t, part: plan_t) -> int:
+    """The knot of `before` with which `part` begins: the last one with that body and all limbs on those holds, if grips
+    may be where they were found instead. 0: none.
     """
-    whole = plan_t.decode(part.encode())
+    begin = part.knots[0]
+    for k in range(len(before.knots) - 1, 0, -1):
+        here = before.knots[k]
+        if max(_off(getattr(here, name), getattr(begin, name)) for name in _BODY) <= TOLERANCE and all(
+            _same_grip(before, held, part, holds) for held, holds in zip(here.limbs, begin.limbs, strict=True)
+        ):
+            return k
+    return 0
+
+
+def joined(before: plan_t, part: plan_t) -> plan_t:
+    """Both as one plan, as the runtime joins them: the knots of `before` up to the one with which `part` begins, then
+    those of `part`, whose scenario has the goal. Grips that `part` begins with are where it has them for as long as
+    they last. Raises PlanFileError where `part` begins in no stance of `before`.
+    """
+    at = join_knot(before, part)
+    if at == 0:
+        raise PlanFileError("the part begins in no stance of the plan before it")
+    before, whole = plan_t.decode(before.encode()), plan_t.decode(part.encode())
     whole.cost = before.cost + part.cost
-    numbers = {_of(hold): i for i, hold in enumerate(before.holds)}
-    whole.holds = list(before.holds)
-    for hold in part.holds:
-        if _of(hold) not in numbers:
-            numbers[_of(hold)] = len(whole.holds)
-            whole.holds.append(hold)
+    whole.holds = before.holds
+    numbers = _with_holds(whole, part)
     for knot in whole.knots:
-        knot.time_s += before.knots[-1].time_s
+        knot.time_s += before.knots[at].time_s
         for limb in knot.limbs:
-            limb.hold = numbers[_of(part.holds[limb.hold])] if limb.hold >= 0 else limb.hold
-    whole.knots = [*before.knots[:-1], *whole.knots]
+            limb.hold = numbers[limb.hold] if limb.hold >= 0 else limb.hold
+    for number, found in enumerate(part.knots[0].limbs):
+        for knot in reversed(before.knots[:at]):
+            if knot.limbs[number].phase != limb_knot_t.STANCE:
+                break
+            _take_to(knot.limbs[number], found)
+    whole.knots = [*before.knots[:at], *whole.knots]
     whole.n_knots, whole.n_holds = len(whole.knots), len(whole.holds)
     whole.plan_id = plan_id(whole)
     return whole
 
 
-def _of(hold: hold_t) -> tuple[str, tuple[float, ...]]:
-    """What tells holds of one wall apart."""
-    return hold.name, tuple(hold.position_w_m)
+def _with_holds(whole: plan_t, part: plan_t) -> list[int]:
+    """Numbers of the part's holds in the whole plan, in which they come to be where the part has them."""
+    numbers = []
+    for hold in part.holds:
+        known = next((i for i, other in enumerate(whole.holds) if _same_hold(hold, other)), len(whole.holds))
+        numbers.append(known)
+        if known == len(whole.holds):
+            whole.holds.append(hold)
+        else:
+            graspable = max(whole.holds[known].graspable, hold.graspable)
+            whole.holds[known] = hold_t.decode(hold.encode())
+            whole.holds[known].graspable = graspable
+    return numbers
+
+
+def _same_grip(before: plan_t, held: limb_knot_t, part: plan_t, holds: limb_knot_t) -> bool:
+    return (
+        held.phase == holds.phase == limb_knot_t.STANCE
+        and held.finger1_face == holds.finger1_face
+        and held.hold >= 0
+        and holds.hold >= 0
+        and _same_hold(before.holds[held.hold], part.holds[holds.hold])
+        and _off(held.gripper_position_w_m, holds.gripper_position_w_m) <= FOUND_M
+        and abs(held.gripper_yaw_w_rad - holds.gripper_yaw_w_rad) <= FOUND_RAD
+    )
+
+
+def _same_hold(one: hold_t, other: hold_t) -> bool:
+    """The same hold, wherever it was found."""
+    return bool(one.name == other.name) and _off(one.position_w_m, other.position_w_m) <= FOUND_M
+
+
+def _take_to(grip: limb_knot_t, found: limb_knot_t) -> None:
+    """The grip is where `found` has it, and what its fingers bear turns with it."""
+    turned_rad = found.gripper_yaw_w_rad - grip.gripper_yaw_w_rad
+    if max(_off(grip.gripper_position_w_m, found.gripper_position_w_m), abs(turned_rad)) <= TOLERANCE:
+        return
+    c, s = math.cos(turned_rad), math.sin(turned_rad)
+    for name in ("finger_force_w_n", "finger_moment_w_nm"):
+        v = list(getattr(grip, name))
+        for i in (0, 3):
+            v[i], v[i + 1] = c * v[i] - s * v[i + 1], s * v[i] + c * v[i + 1]
+        setattr(grip, name, v)
+    grip.gripper_position_w_m, grip.gripper_yaw_w_rad = list(found.gripper_position_w_m), found.gripper_yaw_w_rad

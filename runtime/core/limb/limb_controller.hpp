@@ -47,6 +47,11 @@ class LimbController {
   /// last drive().
   void hand_over(const LimbReference& before, const LimbReference& now, double engagement) noexcept;
 
+  /// The plan has where the limb holds on elsewhere from now on: what was found, and the command, stay what they are.
+  void regrip(const LimbReference& before, const LimbReference& now) noexcept {
+    grip_at(anchor_W_m(before), target_W(before), now);
+  }
+
   /// Contact events as the plan's clock wants them.
   LimbEvents events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept;
 

@@ -27,10 +27,16 @@ Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription&
                                                          const PreparedPlan* running) {
   if (std::string defect = plan_message_defect(robot, plan); !defect.empty()) return Refusal{defect};
   std::unique_ptr<PreparedPlan> tables = tabulate(plan);
-  if (running != nullptr && extends(*tables, *running)) tables->follows = running->plan_id;
+  if (running != nullptr && running->plan_id != plan.plan_id) {
+    tables->shared = shared_intervals(*tables, *running);
+    if (tables->shared > 0) tables->follows = running->plan_id;
+  }
   if (tables->point_feet) stand_on_pads(*tables, robot.gripper.pad_radius_m);
   std::unique_ptr<const PreparedPlan> prepared = std::move(tables);
-  if (std::string defect = plan_reach_defect(robot, *prepared); !defect.empty()) return Refusal{defect};
+  // Grips that were found elsewhere are so in what has passed, too, where nobody asks any more whether limbs reach
+  // them.
+  if (std::string defect = plan_reach_defect(robot, *prepared, prepared->shared); !defect.empty())
+    return Refusal{defect};
   return prepared;
 }
 

@@ -11,7 +11,8 @@
 namespace crux {
 
 /// Validates `plan` against `robot` and prepares it. Not for the real-time thread. A refusal says which knot, limb and
-/// value do not fit, and what would. The plan says so if it is a longer one than the `running`.
+/// value do not fit, and what would. The plan says so if it goes on from the `running` one, and its limbs are then
+/// followed from where it does.
 Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan,
                                                          const PreparedPlan* running = nullptr);
 

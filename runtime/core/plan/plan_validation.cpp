@@ -243,16 +243,16 @@ Pose gripper_target_B(const PlanReference& reference, int l) {
   return reference.body_W.inverse() * gripper_W;
 }
 
-std::string limb_reach_defect(const RobotDescription& robot, const PreparedPlan& plan, int l) {
+std::string limb_reach_defect(const RobotDescription& robot, const PreparedPlan& plan, int first, int l) {
   LimbKinematics kinematics(robot.limbs[l]);
   InverseKinematics inverse(robot.limbs[l], kinematics);
-  const Pose start = gripper_target_B(play(plan, {0, 0.0}), l);
+  const Pose start = gripper_target_B(play(plan, {first, 0.0}), l);
   IkResult result;
   for (int seed = 0; seed < kStartSeeds; ++seed) {
     result = inverse.solve(start, seed_angles(robot.limbs[l], seed), kStartIterations);
     if (reached(result, robot.limbs[l])) break;
   }
-  for (int k = 0; k < plan.intervals(); ++k) {
+  for (int k = first; k < plan.intervals(); ++k) {
     for (int sample = 0; sample <= kSamplesPerInterval; ++sample) {
       const PlanTime at{k, plan.step_s[k] * sample / kSamplesPerInterval};
       result = inverse.solve(gripper_target_B(play(plan, at), l), result.q_rad, kFollowIterations);
@@ -285,9 +285,9 @@ std::string plan_message_defect(const RobotDescription& robot, const plan_t& pla
   return {};
 }
 
-std::string plan_reach_defect(const RobotDescription& robot, const PreparedPlan& plan) {
+std::string plan_reach_defect(const RobotDescription& robot, const PreparedPlan& plan, int first) {
   for (int l = 0; l < kLimbs; ++l) {
-    if (std::string defect = limb_reach_defect(robot, plan, l); !defect.empty()) return defect;
+    if (std::string defect = limb_reach_defect(robot, plan, first, l); !defect.empty()) return defect;
   }
   return {};
 }

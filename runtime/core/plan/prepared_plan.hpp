@@ -39,7 +39,8 @@ inline constexpr SwingShares kMovingFingers = {.lift = 0.4, .arrive = 0.6, .clos
 
 struct PreparedPlan {
   std::string plan_id;
-  std::string follows;  ///< id of the plan that this one is longer than, empty where it stands for itself
+  std::string follows;  ///< id of the plan that this one goes on from, empty where it stands for itself
+  int shared = 0;       ///< intervals from the first that it has of that plan
   SwingShares swing;
   bool point_feet = false;  ///< a walk: limbs in stance stand on the wall itself
   Vector3 gravity_W_m_s2 = Vector3::Zero();
