@@ -26,6 +26,7 @@ from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.explanation import explain
 from crux_planner.pipeline.fallback import ATTEMPTS, without_blamed
 from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.moved_holds import on_moved_holds
 from crux_planner.pipeline.pace import paced
 from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
 from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
@@ -64,22 +65,27 @@ class Planner:
         *,
         body: BodyPose | None = None,
         without: Collection[str] = (),
+        quick: bool = False,
         time_limit_s: float = TIME_LIMIT_S,
         log: Callable[[str], None] | None = None,
     ) -> PlanResult:
         """A checked plan from the stance that `running`, a plan of this wall, takes next at or after `at_s`.
+
+        The wall may have its holds elsewhere than `running`, whose grips then go with them: a map that was measured.
 
         `body` is where the body is meanwhile, if not where that plan has it; the holds in `without` are no holds any
         more, but still in the way. The plan takes the steps the running one has left, or what the way takes if that is
         more; ways are searched within what the scenario's horizon has left. `timing` has
         stance, contacts, body, nlp and message, which are the planning, and the check. The running plan's own moves
         are tried first, then others that lead back to them, then other headings and grasps (without a bound of the
-        cost); where all that finds nothing `plan` is asked, which also says why.
+        cost); where all that finds nothing `plan` is asked, which also says why. `quick`: only the running plan's own
+        moves, and others that lead back to them.
         Raises InfeasibleError, and ScenarioError for a name in `without` that is no hold's and a body outside (7).
         """
         work = Work(lambda _what, _share: None, log or (lambda _line: None))
         with work.part("stance", 0.0):
             deadline = clock.now() + time_limit_s
+            running = on_moved_holds(running, self.scenario)
             first = stance_knot(running, at_s)
             scenario = scenario_at(self.scenario, running, first, body, without)
             problem = self._from(scenario, without)
@@ -94,7 +100,11 @@ class Planner:
             timed = climb.of(replace(problem, steps=begun.steps))
             result = self._finish(timed, begun.schedule, begun.start)
         most = max(problem.steps, self.scenario.horizon.steps - first)
-        result = result or self._anew(climb, most, remaining) or self._by_map(climb, most)
+        result = result or self._anew(climb, most, remaining)
+        if result is None and quick:
+            failure = self._refused or explain(climb.oracles, self._seen, most)
+            raise failure.out_of_time() if session.late else failure
+        result = result or self._by_map(climb, most)
         if result is None:
             work.log("the quick ways found no plan that passes the check; planning from scratch")
             left = max(scenario.horizon.steps, self.scenario.horizon.steps - first)
