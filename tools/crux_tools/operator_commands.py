@@ -77,6 +77,12 @@ def add_upload_parser(subparsers: Any) -> None:
     text = "Send a plan to a running runtime, which checks it against its robot; of a route, each part as it climbs"
     parser = _add(subparsers, "upload", text, "crux upload out/plan.mcap && crux start", run_upload)
     parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan, or the folder of a route, by crux plan")
+    parser.add_argument(
+        "--replan",
+        action="store_true",
+        help="stay beside the climb, and plan the moves ahead again after each new grasp, where holds are not as on "
+        "the map; what comes too late or is no plan changes nothing",
+    )
 
 
 def run_upload(options: argparse.Namespace) -> int:
@@ -84,13 +90,22 @@ def run_upload(options: argparse.Namespace) -> int:
     from crux_contracts.plan_file import read_plan
 
     if options.plan.is_dir():
+        from crux_tools.errors import UsageError
         from crux_tools.route_upload import upload_route
+
+        if options.replan:
+            raise UsageError(f"--replan: {options.plan} is a route in parts; expected one plan")
 
         with _link(options) as link:
             return _report(options, upload_route(link, options.plan, note))
     plan = read_plan(options.plan)
     with _link(options) as link:
-        return _report(options, link.upload(plan))
+        answer = link.upload(plan)
+        if options.replan:
+            from crux_tools.guide.replan_command import beside
+
+            answer = beside(link, plan, options.plan)
+        return _report(options, answer)
 
 
 def add_start_parser(subparsers: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import sys
 import time
@@ -51,6 +52,7 @@ from crux_simulation.sim.world_model import change_robot, cut_corners, loosen_ho
 
 if TYPE_CHECKING:
     from crux_simulation.sim.guided import Guided
+    from crux_simulation.sim.replanned import Replanned
 
 PACES = {"lockstep": "bus", "realtime": "clock"}  # the bench's words and the runtime's
 EXTRA_TIME_S = 30.0  # events may stop the plan's clock
@@ -79,6 +81,8 @@ class ClimbOptions:
     """plans again where the robot holds for a reason that another plan may avoid"""
     resumes: bool = False
     """an operator clears what it holds for and has it go on"""
+    replan: bool = False
+    """plans the moves ahead again on the way, where holds are not as on the map"""
     calibrate: bool = False
     """tunes the admittance's gains while it climbs"""
     note: str = ""
@@ -148,6 +152,28 @@ def _operator(
     return guided
 
 
+def _on_the_way(
+    loop: Loop,
+    link: OperatorLink,
+    runtime: RuntimeProcess | RuntimeHere,
+    plan: plan_t,
+    robot: Robot,
+    options: ClimbOptions,
+    parts: Sequence[plan_t],
+) -> Replanned | None:
+    """Puts beside `loop` who uploads while the robot climbs; who plans again, where that is wanted."""
+    if not isinstance(runtime, RuntimeHere):
+        return None
+    if parts:
+        loop.between = Streamed(link, runtime, loop, plan, parts)
+    if not options.replan:
+        return None
+    from crux_simulation.sim.replanned import Replanned  # with the whole planner: slow to import
+
+    replanned = loop.between = Replanned(link, runtime, loop, plan, robot)
+    return replanned
+
+
 def climb(
     plan: plan_t,
     robot: Robot,
@@ -182,8 +208,7 @@ def climb(
         clock = WorldClock(plant.dt_s) if options.pace == "realtime" else None
         loop = Loop(nodes, plant, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance, watched_s, clock)
         guided = _operator(loop, link, runtime, plan, robot, options)
-        if isinstance(runtime, RuntimeHere) and parts:
-            loop.between = Streamed(link, runtime, loop, plan, parts)
+        replanned = _on_the_way(loop, link, runtime, plan, robot, options, parts)
         stack.enter_context(no_garbage_collection())
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
             note("crux climb: no permission for SCHED_FIFO; other programs may delay the simulation")
@@ -204,9 +229,11 @@ def climb(
         last_words = runtime.last_words() if died else ""
     courses = tuple(disturbance.courses) if disturbance is not None else ()
     further = guided.legs[1:] if guided is not None else []
+    whole = whole if replanned is None else replanned.replanner.plan
     result = _judged([(0, whole), *further], plant, log, outcome, (last_words, unlogged), courses)
     said = guided.as_json() if guided is not None else None
-    result = replace(result, bus=options.bus, worst_interrupts=interrupts, guide=said)
+    replans = None if replanned is None else replanned.replanner.as_json()
+    result = replace(result, bus=options.bus, worst_interrupts=interrupts, guide=said, replans=replans)
     return _logged(result, plant, options.world)
 
 
@@ -305,7 +332,8 @@ def _logged(result: ClimbResult, plant: Plant, world: World | None) -> ClimbResu
     try:
         verdict = result.as_message(world.name if world else "")
         described = world.as_yaml() if world else ""
-        log_truth(result.log, recorded(plant), plant.robot.face_hold, plant.dt_s, verdict, described)
+        replans = json.dumps(result.replans["each"]) if result.replans and result.replans["each"] else ""
+        log_truth(result.log, recorded(plant), plant.robot.face_hold, plant.dt_s, verdict, described, replans)
     except (OSError, ValueError) as error:
         if result.log_complete:
             said = f"log incomplete: no ground truth in it: {getattr(error, 'strerror', None) or error}"

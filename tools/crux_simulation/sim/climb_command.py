@@ -97,6 +97,12 @@ def add_parser(subparsers: Any) -> None:
         "does on the robot (--bus memory)",
     )
     parser.add_argument(
+        "--replan",
+        action="store_true",
+        help="plan the moves ahead again after each new grasp, where holds are not as on the map, as crux upload "
+        "--replan does on the robot (--bus memory)",
+    )
+    parser.add_argument(
         "--calibrate",
         action="store_true",
         help="tune the admittance's gains from the wrench errors while climbing (runtime/README.md says how)",
@@ -208,9 +214,13 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("a route in parts is climbed with --bus memory and without --guide")
     if options.guide and bus != "memory":
         raise UsageError(f"--guide: with --bus {bus} the runtime is a process of its own; start crux guide beside it")
+    if options.replan and (bus != "memory" or parts or options.guide):
+        raise UsageError(
+            "--replan: with --bus memory, one plan and without --guide; elsewhere crux upload --replan does it"
+        )
     wanted = ClimbOptions(
-        options.pace, bus, options.seed, faults, emulated, options.commands, world, options.guide, options.calibrate,
-        options.note, options.log_frames,
+        options.pace, bus, options.seed, faults, emulated, options.commands, world, options.guide,
+        calibrate=options.calibrate, note=options.note, log_frames=options.log_frames, replan=options.replan,
     )  # fmt: skip
     length_s = sum(each.knots[-1].time_s for each in (plan, *parts))
     with alone_with(options.output), progress("climbing", length_s) as bar:

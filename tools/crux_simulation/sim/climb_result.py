@@ -37,6 +37,8 @@ class ClimbResult:
     """instructions, of the emulated boards"""
     guide: dict[str, Any] | None = None
     """what it did, as `--json` prints it"""
+    replans: dict[str, Any] | None = None
+    """what was planned again on the way, as `--json` prints it"""
     truth: Truth | None = None
     model: RobotModel | None = None
     """that it ran on"""
@@ -78,6 +80,8 @@ class ClimbResult:
             result["worst_interrupts"] = self.worst_interrupts
         if self.guide is not None:
             result["guide"] = self.guide
+        if self.replans is not None:
+            result["replans"] = self.replans
         if self.outcome.robot_on_wall is not None:
             result["robot_on_wall"] = self.outcome.robot_on_wall
         if self.courses:

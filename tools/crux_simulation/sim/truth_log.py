@@ -10,7 +10,7 @@ from crux_contracts.channels import BY_TOPIC, SCHEMAS
 from crux_msgs import truth_contacts_t, truth_verdict_t
 from crux_tools.telemetry.append import Series, append
 from crux_tools.telemetry.cdr_table import LITTLE_ENDIAN_HEADER, fixed_dtype
-from crux_tools.telemetry.channels import WORLD
+from crux_tools.telemetry.channels import REPLANS, WORLD
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -20,10 +20,16 @@ BODY, CONTACTS, VERDICT = "/truth/body", "/truth/contacts", "/truth/verdict"
 
 
 def log_truth(
-    log: Path, truth: Truth, face_hold: NDArray[np.int64], dt_s: float, verdict: truth_verdict_t, world: str
+    log: Path,
+    truth: Truth,
+    face_hold: NDArray[np.int64],
+    dt_s: float,
+    verdict: truth_verdict_t,
+    world: str,
+    replans: str = "",
 ) -> None:
-    """Adds all samples and the verdict to a log whose runtime has ended, and the `world` as its file would have it,
-    where there is one. `face_hold` (n faces,): RobotModel's.
+    """Adds all samples and the verdict to a log whose runtime has ended, and the `world` as its file would have it and
+    the `replans` as JSON, where there are any. `face_hold` (n faces,): RobotModel's.
 
     Raises OSError or ValueError as telemetry.append does; the log is then as it was.
     """
@@ -51,7 +57,7 @@ def log_truth(
             Series(CONTACTS, times_ns, _messages(CONTACTS, truth, contacts)),
             Series(VERDICT, times_ns[-1:], [cdr.encode(verdict)]),
         ],
-        {"crux_world": {WORLD: world}} if world else {},
+        ({"crux_world": {WORLD: world}} if world else {}) | ({"crux_replans": {REPLANS: replans}} if replans else {}),
     )
 
 

@@ -155,7 +155,7 @@ class Situation:
             place = np.array(telemetry.gripper_position_w_m[:2])
             if np.linalg.norm(place - hold["position_m"]) > SHIFT_M:
                 hold["position_m"] = place.tolist()
-            turned = _yaw(telemetry, reference.gripper_yaw_w_rad) - reference.gripper_yaw_w_rad
+            turned = yaw_of(telemetry, reference.gripper_yaw_w_rad) - reference.gripper_yaw_w_rad
             if abs(turned) > TURN_RAD:
                 hold["yaw_deg"] = hold.get("yaw_deg", 0.0) + math.degrees(turned)
             across = FACE_NAMES[self.grasp(limb).finger1_face][1:]  # the axis between the fingers
@@ -164,7 +164,7 @@ class Situation:
                 size_m["xy".index(across)] = width_m
                 hold["size_m"] = size_m
             if telemetry.slip_friction > 0.0:
-                hold["friction"] = _at_most(hold["friction"], telemetry.slip_friction)
+                hold["friction"] = at_most(hold["friction"], telemetry.slip_friction)
         for lost in [each for each in content["holds"] if each["name"] in useless]:
             content["holds"].remove(lost)
             if (obstacle := self._left_of(lost, useless[lost["name"]])) is not None:
@@ -179,7 +179,7 @@ class Situation:
         if np.linalg.norm(place - hold["position_m"]) < min(hold["size_m"][:2]) / 2:
             if self._phase(limb) in GRIPPING:
                 return None
-            turned = _yaw(telemetry, reference.gripper_yaw_w_rad) - reference.gripper_yaw_w_rad
+            turned = yaw_of(telemetry, reference.gripper_yaw_w_rad) - reference.gripper_yaw_w_rad
             left |= {"position_m": place.tolist(), "yaw_deg": left.get("yaw_deg", 0.0) + math.degrees(turned)}
         return left
 
@@ -190,18 +190,18 @@ def _grasp(plan: plan_t, limb: limb_knot_t) -> dict[str, Any]:
 
 
 def _in_air(reference: limb_reference_t, telemetry: limb_telemetry_t) -> dict[str, Any]:
-    yaw = _yaw(telemetry, reference.gripper_yaw_w_rad)
+    yaw = yaw_of(telemetry, reference.gripper_yaw_w_rad)
     place = [float(v) for v in telemetry.gripper_position_w_m]
     return {"position_m": place, "yaw_deg": math.degrees(yaw), "opening_m": reference.finger_opening_m}
 
 
-def _at_most(friction: Any, most: float) -> Any:
+def at_most(friction: Any, most: float) -> Any:
     if isinstance(friction, dict):
         return {face: min(value, most) for face, value in friction.items()}
     return min(friction, most)
 
 
-def _yaw(telemetry: limb_telemetry_t, near: float) -> float:
+def yaw_of(telemetry: limb_telemetry_t, near: float) -> float:
     """Of the gripper's opening axis in the wall's plane, the one nearest to another."""
     w, x, y, z = telemetry.gripper_quaternion_w
     yaw = math.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))

@@ -18,6 +18,7 @@ from crux_tools.report.joints import hot_nodes, joint_loads
 from crux_tools.report.page import Section
 from crux_tools.report.pictures import Picture, Stage, open_stage
 from crux_tools.report.renderer import NoGraphicsError
+from crux_tools.report.replans import replan_sections
 from crux_tools.report.verdict import APPLIED, PLANNED, facts, sentence
 from crux_tools.robot3d.start_pose import RobotPose
 from crux_tools.telemetry import Telemetry
@@ -192,6 +193,7 @@ def log_sections(log: Telemetry, summary: Summary, verdict: truth_verdict_t | No
         sections.append(_log_pictures(log, plan_series(log.plan)))
     sections += [
         _gait(log),
+        *replan_sections(log),
         Section(
             "wrenches",
             "Planned and measured wrenches",

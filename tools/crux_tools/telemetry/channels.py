@@ -27,7 +27,10 @@ from crux_tools.telemetry.definitions import decoder_of
 from crux_tools.telemetry.records import MAGIC, READ_ERRORS, chunk_records, records
 from crux_tools.telemetry.unpack import Unpacker
 
-METADATA = ("crux_tags", "crux", "crux_world")  # what the runtime was told to say, what it says itself; WORLD
+METADATA = ("crux_tags", "crux", "crux_world", "crux_replans")
+"""What the runtime was told to say, what it says itself; WORLD; REPLANS."""
+REPLANNED = "replanned: "  # begins plan_t.method of what was planned on the way
+REPLANS = "replans"  # what was planned again on the way of a simulated climb, kept or not, as JSON
 WORLD = "world.yaml"  # that of a simulation, as its file would have it
 NOTE_METADATA = "crux_note"  # of a user, when the log was written already
 END_METADATA = "crux_end"  # the last thing an orderly end writes; a footer the runtime has at any time

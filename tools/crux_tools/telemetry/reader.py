@@ -45,7 +45,8 @@ class Telemetry:
     """
 
     path: Path
-    plan: Any  # a plan_t as decoded from the log, None before the runtime accepted one
+    plan: Any  # a plan_t as decoded from the log, None before the runtime accepted one; the last of
+    plans: list[tuple[float, Any]]  # all, with their log times [s]
     time_s: np.ndarray  # (n,) log time: cycle * dt
     state: np.ndarray  # (n,) robot_state
     inputs: np.ndarray  # (n,) control_input
@@ -156,6 +157,7 @@ def _telemetry_of(path: Path, channels: Channels, remarks: list[str]) -> Telemet
     return Telemetry(
         path=path,
         plan=_with_leans(plans[-1]) if plans else None,
+        plans=list(zip((times_ns["/plan"] * 1e-9).tolist(), plans, strict=True)) if plans else [],
         time_s=common_ns * 1e-9,
         state=aligned[STATE_TOPIC],
         inputs=aligned["/control_input"],

@@ -56,8 +56,9 @@ def made_telemetry(
     """A Telemetry of what is in no log: `tables` are states, inputs, references and limbs."""
     state, inputs, references, limbs = tables
     return Telemetry(
-        path=path, plan=plan, time_s=time_s, state=state, inputs=inputs, outputs=blank("/control_output", len(time_s)),
-        references=references, limbs=limbs, limbs_fresh=np.ones(len(time_s), dtype=bool), timing=np.empty(0),
+        path=path, plan=plan, plans=[], time_s=time_s, state=state, inputs=inputs,
+        outputs=blank("/control_output", len(time_s)), references=references, limbs=limbs,
+        limbs_fresh=np.ones(len(time_s), dtype=bool), timing=np.empty(0),
         faults=blank("/fault", 0), buses=np.empty(0), acknowledgements=[], commands=[], metadata={}, robot_files={},
         end={}, notes=[], verdict=None,
     )  # fmt: skip
