@@ -52,6 +52,11 @@ BENCHES = {
     "replan": Bench(
         "plan again, warm, from every stance of a route over sixteen holds", f"{_HERE}.replans", "--walls 0 --plain"
     ),
+    "loop": Bench(
+        "climb on holds that are off the map, without and with planning again on the way",
+        f"{_HERE}.replanned_climbs",
+        "--count 3 --scenario msgs/scenarios/climb-vertical.yaml",
+    ),
     "worlds": Bench("climb in worlds with all ordinary errors at once", f"{_HERE}.worlds", "--count 10 --seed 7"),
     "faults": Bench(
         "break the buses in mid-climb in every way and time the hold", f"{_HERE}.bus_faults", "--kinds cut reset"
