@@ -97,7 +97,7 @@ class Planner:
         result = None
         if remaining is not None and remaining.open_to(problem):
             begun = remaining.begun_at_rest(problem)  # the running plan's own moves
-            timed = climb.of(replace(problem, steps=begun.steps))
+            timed = climb.of(replace(problem.aimed(), steps=begun.steps))
             result = self._finish(timed, begun.schedule, begun.start)
         most = max(problem.steps, self.scenario.horizon.steps - first)
         result = result or self._anew(climb, most, remaining)

@@ -56,6 +56,13 @@ def test_the_running_plans_own_moves_are_kept_and_cost_no_more() -> None:
     assert again.cost <= 1.0001 * running.cost
 
 
+def test_a_plan_made_again_leaves_most_of_the_goals_tolerance_to_what_tracks_it() -> None:
+    planner, running = route()
+    again = planner.replan(running, stances(running)[2] * running.dt_s)
+    off = np.linalg.norm(np.subtract(again.plan.knots[-1].body_position_w_m, planner.scenario.goal.body.position_m))
+    assert off < planner.scenario.goal.tolerance_m / 3
+
+
 def test_with_the_body_elsewhere_the_plan_begins_there() -> None:
     planner, running = route()
     k = stances(running)[1]
