@@ -147,8 +147,9 @@ def test_what_comes_too_late_leaves_the_climb_as_it_was(plan: plan_t) -> None:
     assert one.plan is plan
     assert "too late" in said[0]
     assert [(each.kept, each.from_s) for each in one.made] == [(False, plan.knots[after].time_s)]
-    looks = iter([status_of(plan, k, (0.012, 0.0))])
-    one.attend(lambda: next(looks))
+    later = status_of(plan, k, (0.012, 0.0))
+    later.state.verified_time_s += 0.5
+    one.attend(lambda: later)
     assert len(one.made) == 1  # a stance is looked at once
 
 

@@ -26,6 +26,7 @@ from crux_tools.operator_link import OperatorLink
 from crux_tools.telemetry.channels import REPLANNED
 
 PLANNING_S = 3.0  # of computing
+EARLY_S = 1e-6  # a knot counts as reached
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Replanner:
     say: Callable[[str], None]
     pause: Callable[[], None] = lambda: None
     made: list[Replan] = field(default_factory=list, init=False)
-    _seen_s: float = field(default=0.0, init=False)  # plan time of the last stance that was looked at
+    _seen: int = field(default=1, init=False)  # stances that were looked at; the plan's start is as it was measured
 
     def __post_init__(self) -> None:
         # Everything that planning needs is loaded before it is needed.
@@ -76,9 +77,13 @@ class Replanner:
         plan has it. Nothing is raised where that leads to no plan, or the runtime does not take it.
         """
         status = ask()
-        if status is None or not _climbs(status) or status.state.verified_time_s <= self._seen_s:
+        if status is None or not _climbs(status):
             return
-        self._seen_s = status.state.verified_time_s
+        times_s = [self.plan.knots[k].time_s for k in stances(self.plan)]
+        reached = sum(time_s <= status.state.verified_time_s + EARLY_S for time_s in times_s)
+        if reached <= self._seen:
+            return
+        self._seen = reached
         found = found_holds(self.plan, status)
         ahead = [k for k in stances(self.plan) if k > interval_of(self.plan, status) + 1]
         if found and len(ahead) > 1:  # a move is left after that stance
