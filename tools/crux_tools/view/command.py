@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +13,7 @@ from crux_tools.output import note
 from crux_tools.page_address import add_address, check_address
 
 if TYPE_CHECKING:
-    from crux_tools.view.server import Source, Viewer
+    from crux_tools.view.server import Source
 
 FILMS = (".mp4", ".webp", ".gif")
 _VIEW = """Shows a log or a plan in the browser: the robot on its wall in 3-D, and below it one time line with states,
@@ -68,31 +66,12 @@ def add_watch_parser(subparsers: Any) -> None:
     parser.set_defaults(func=run_watch)
 
 
-@contextmanager
-def _serving(viewer: Viewer) -> Iterator[None]:
-    try:
-        yield
-    except KeyboardInterrupt:  # how it is meant to end
-        pass
-    finally:
-        viewer.close()
-
-
-def _tell(viewer: Viewer, at_s: float = math.nan) -> None:
-    from crux_tools.view.server import moment
-
-    here, *others = (url + moment(at_s) for url in viewer.urls)
-    note("\n      ".join([f"view: {here} (Ctrl-C ends it)", *(f"{url} from other machines" for url in others)]))
-
-
 def serve(sources: list[Source], host: str, port: int, at_s: float = math.nan) -> None:
     """Until Ctrl-C. `at_s`: where the page begins, NaN: at the recording's begin."""
-    from crux_tools.view.server import Viewer
+    from crux_tools.view.page_server import serve as serve_page
+    from crux_tools.view.server import Viewer, moment
 
-    viewer = Viewer(sources, host, port)
-    with _serving(viewer):
-        _tell(viewer, at_s)
-        viewer.wait()
+    serve_page(Viewer(sources, host, port), "view", moment(at_s))
 
 
 def source_of(path: Path) -> Source:
@@ -152,6 +131,7 @@ def run_watch(options: argparse.Namespace) -> int:
 
     check_address(options.host, options.port)
     from crux_tools.view.live import Live
+    from crux_tools.view.page_server import serve as serve_page
     from crux_tools.view.server import Viewer
 
     plan = None if options.plan is None else read_plan(options.plan)
@@ -162,7 +142,5 @@ def run_watch(options: argparse.Namespace) -> int:
         viewer = Viewer([live.recording], options.host, options.port)
     except KeyboardInterrupt:
         return 0
-    with _serving(viewer):
-        _tell(viewer)
-        viewer.wait()
+    serve_page(viewer, "view")
     return 0

@@ -72,6 +72,14 @@ class Guard:
             return "asked by another page"
         return ""
 
+    def refusal_of_sent(self, asked: Message) -> str:
+        """The same, besides, of a request that brings something: a browser says which page it is from, and lets no page
+        of others send JSON unasked.
+        """
+        if not asked.get_all("Origin", []):
+            return "sent by no page of this address"
+        return "" if asked.get_content_type() == "application/json" else "expected JSON"
+
     def inner(self, path: str) -> str | None:
         """The path behind the token; None where that is not the right one."""
         if not self.token:

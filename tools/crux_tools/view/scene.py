@@ -7,7 +7,6 @@ the references of body and grippers.
 
 from __future__ import annotations
 
-from pathlib import PurePosixPath
 from typing import Any
 
 import mujoco
@@ -23,6 +22,7 @@ from crux_tools.robot3d.start_pose import solve_limb
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import robot_of
 from crux_tools.telemetry.rotations import rotations_from_quaternions
+from crux_tools.view.bodies import Bodies, numbers, rgb_of
 from crux_tools.view.caption import caption
 from crux_tools.view.meshes import drawn_mesh, meshes_of
 from crux_tools.view.reach import reach_on_wall
@@ -44,18 +44,6 @@ CAMERAS = {  # name -> where the eye is from what it looks at, frame W [m]: a gr
     "below": (-1.5, 0.0, 0.35),
     **{limb: (-0.3, -0.25 if limb[0] == "R" else 0.25, 0.3) for limb in LIMB_NAMES},
 }
-DIGITS = 6  # of positions [m] and quaternions
-Shape = dict[str, Any]
-
-
-def _rgb(rgba: np.ndarray) -> list[int]:
-    return [int(255 * channel) for channel in rgba[:3]]
-
-
-def _numbers(values: Any) -> list[float]:
-    """JSON has no NaN: what is not known is 0."""
-    found: list[float] = np.round(np.nan_to_num(np.asarray(values, dtype=float).ravel()), DIGITS).tolist()
-    return found
 
 
 class Scene:
@@ -71,80 +59,32 @@ class Scene:
             meshes = {link: [drawn_mesh(mesh) for mesh in found] for link, found in meshes_of(described).items()}
         self._data, self._ghost_data = (mujoco.MjData(self._robot.model) for _ in range(2))
         mujoco.mj_kinematics(self._robot.model, self._data)
-        self._moving = np.flatnonzero(self._robot.model.body_weldid != 0)
+        self._bodies = Bodies(self._robot, self._data)
         up = -np.array(plan.gravity_w_m_s2)
         frames = [self._robot.body, *self._robot.gripper_bodies]
         self.description: dict[str, Any] = {
-            "up": _numbers(up / np.linalg.norm(up)),
-            "shapes": self._shapes(meshes),
+            "up": numbers(up / np.linalg.norm(up)),
+            "shapes": self._bodies.shapes(meshes),
             "arrows": {name: rgb for name, (_, _, rgb) in ARROWS.items()},
             "cameras": CAMERAS,
             "grippers": LIMB_NAMES,
             "holds": [
-                {"name": hold.name, "top": _numbers(np.add(hold.position_w_m, (0.0, 0.0, hold.size_m[2])))}
+                {"name": hold.name, "top": numbers(np.add(hold.position_w_m, (0.0, 0.0, hold.size_m[2])))}
                 for hold in plan.holds
             ],
             "joints": self._joints(),
-            "frames": dict(zip(("body", *LIMB_NAMES), np.searchsorted(self._moving, frames).tolist(), strict=True)),
-            "used_rgb": [[share, _rgb(np.array(rgb))] for share, rgb in USED_RGB],
+            "frames": dict(
+                zip(("body", *LIMB_NAMES), np.searchsorted(self._bodies.moving, frames).tolist(), strict=True)
+            ),
+            "used_rgb": [[share, rgb_of(np.array(rgb))] for share, rgb in USED_RGB],
         }
 
     def _joints(self) -> list[dict[str, Any]]:
         """Names and limits [rad], limb by limb, in the order of `at`'s "joints"."""
         model = self._robot.model
-        numbers = model.dof_jntid[self._robot.joint_dof]
+        joints = model.dof_jntid[self._robot.joint_dof]
         return [
-            {"name": model.joint(int(number)).name, "limits": _numbers(model.jnt_range[number])} for number in numbers
-        ]
-
-    def _shapes(self, meshes: dict[str, list[Shape]]) -> list[Shape]:
-        """Those of a body that moves stand in its frame, `body` counting such bodies; all others, -1, in W."""
-        model, found = self._robot.model, []
-        for body in range(model.nbody):
-            moves = int(np.searchsorted(self._moving, body)) if body in self._moving else -1
-            link = PurePosixPath(model.body(body).name or "world").name
-            if link in meshes:
-                found += [{**mesh, "body": moves, "hold": -1} for mesh in meshes[link]]
-            for geom in np.flatnonzero(model.geom_bodyid == body):
-                if link not in meshes or geom in self._robot.pad_geoms:
-                    found += self._shapes_of(int(geom), moves)
-        return found
-
-    def _shapes_of(self, geom: int, body: int) -> list[Shape]:
-        """`size` is what it measures along its own axes."""
-        model = self._robot.model
-        size, face = model.geom_size[geom], self._robot.face_of_geom[geom]
-        place = (
-            (model.geom_pos[geom], model.geom_quat[geom])
-            if body >= 0
-            else (self._data.geom_xpos[geom], _quaternion(self._data.geom_xmat[geom]))
-        )
-        radius, length = size[0], 2 * size[1]
-        kind = mujoco.mjtGeom(model.geom_type[geom])
-        parts: list[tuple[str, Any, float]] = {  # kind, size, how far along its axis
-            mujoco.mjtGeom.mjGEOM_PLANE: [("plane", (2 * size[0], 2 * size[1], 1.0), 0.0)],
-            mujoco.mjtGeom.mjGEOM_BOX: [("box", 2 * size, 0.0)],
-            mujoco.mjtGeom.mjGEOM_SPHERE: [("sphere", [2 * radius] * 3, 0.0)],
-            mujoco.mjtGeom.mjGEOM_CYLINDER: [("cylinder", (2 * radius, 2 * radius, length), 0.0)],
-            mujoco.mjtGeom.mjGEOM_CAPSULE: [
-                ("cylinder", (2 * radius, 2 * radius, length), 0.0),
-                ("sphere", [2 * radius] * 3, length / 2),
-                ("sphere", [2 * radius] * 3, -length / 2),
-            ],
-        }.get(kind, [])
-        axis = np.zeros(3)
-        mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, 1.0]), np.asarray(place[1], dtype=float))
-        return [
-            {
-                "kind": name,
-                "size": _numbers(extent),
-                "position": _numbers(place[0] + along * axis),
-                "wxyz": _numbers(place[1]),
-                "rgb": _rgb(model.geom_rgba[geom]),
-                "body": body,
-                "hold": int(self._robot.face_hold[face]) if face >= 0 else -1,
-            }
-            for name, extent, along in parts
+            {"name": model.joint(int(number)).name, "limits": numbers(model.jnt_range[number])} for number in joints
         ]
 
     def at(self, row: int, recording: Recording) -> dict[str, Any]:
@@ -157,14 +97,14 @@ class Scene:
         mujoco.mj_kinematics(model, data)
         self._place_ghost(log, row)
         return {
-            "measured": self._poses(data),
-            "planned": self._poses(self._ghost_data),
-            "body": _numbers(data.xpos[self._robot.body]),
-            "planned_body": _numbers(self._ghost_data.xpos[self._robot.body]),
-            "grippers": _numbers(data.site_xpos[self._robot.gripper_sites]),
-            "arrows": {name: _numbers(scale * log.limbs[field][row]) for name, (field, scale, _) in ARROWS.items()},
+            "measured": self._bodies.poses(data),
+            "planned": self._bodies.poses(self._ghost_data),
+            "body": numbers(data.xpos[self._robot.body]),
+            "planned_body": numbers(self._ghost_data.xpos[self._robot.body]),
+            "grippers": numbers(data.site_xpos[self._robot.gripper_sites]),
+            "arrows": {name: numbers(scale * log.limbs[field][row]) for name, (field, scale, _) in ARROWS.items()},
             "holds": self._hold_colours(row),
-            "joints": _numbers(log.inputs["joint_position_rad"][row]),
+            "joints": numbers(log.inputs["joint_position_rad"][row]),
         }
 
     def caption(self, row: int, recording: Recording) -> dict[str, Any]:
@@ -179,16 +119,13 @@ class Scene:
         rotation = rotations_from_quaternions(state["body_quaternion_w"][None])[0]
         grippers, yaws = recording.log.limbs["gripper_position_w_m"][row], references["gripper_yaw_w_rad"]
         found = reach_on_wall(self._whole, state["body_position_w_m"], rotation, grippers, yaws)
-        return {limb.name: _numbers(places) for limb, places in zip(self._whole.limbs, found, strict=True)}
+        return {limb.name: numbers(places) for limb, places in zip(self._whole.limbs, found, strict=True)}
 
     def _follow(self, recording: Recording) -> None:
         """It may have grown since the last time, or have another plan on the same wall."""
         if recording.log.plan is not self._recording.log.plan:
             self._plan = plan_series(recording.log.plan)
         self._recording = recording
-
-    def _poses(self, data: mujoco.MjData) -> list[float]:
-        return _numbers(np.hstack([data.xpos[self._moving], data.xquat[self._moving]]))
 
     def _place_ghost(self, log: Telemetry, row: int) -> None:
         state, references, ghost = log.state[row], log.references[row], self._ghost_data
@@ -209,11 +146,5 @@ class Scene:
         for limb in np.argsort(used):  # the largest last; NaN comes last of all
             hold = int(self._plan.hold[knot, limb])
             if hold >= 0 and not np.isnan(used[limb]):
-                wanted[hold] = _rgb(used_colours(used[limb : limb + 1])[0])
+                wanted[hold] = rgb_of(used_colours(used[limb : limb + 1])[0])
         return wanted
-
-
-def _quaternion(matrix: np.ndarray) -> np.ndarray:
-    found = np.empty(4)
-    mujoco.mju_mat2Quat(found, matrix.ravel())
-    return found

@@ -5,33 +5,20 @@ The page keeps the time and asks for what it draws; all who look at one server l
 
 from __future__ import annotations
 
-import contextlib
-import json
 import math
-import socket
-import sys
 import threading
 from collections.abc import Callable
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
 
-from crux_tools.page_address import addresses
-from crux_tools.view.guard import Guard, headers
+from crux_tools.view.page_server import PageServer, Query, files_of
 from crux_tools.view.recording import Recording
 from crux_tools.view.scene import Scene
 from crux_tools.view.signals import Signal, difference, reduced, signals_of, unit_of
 from crux_tools.view.story import start_s, story_of
 
 PAGE = Path(__file__).parent / "page"
-KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
-FILES = {f"/{path.relative_to(PAGE)}": path for path in PAGE.rglob("*") if path.suffix in KINDS}
-FILES["/"] = FILES["/page.html"]
-HEADERS = {"Cache-Control": "no-store", **headers(FILES["/"].read_text(encoding="utf-8"))}
 MOST_POINTS = 4000
-PORTS = 100  # that are tried, from the wished one on
-Query = dict[str, str]
 Source = Callable[[float, float], Recording]  # as it is now, as fine as it is to be had between two of its times
 ALL = (-math.inf, math.inf)
 
@@ -79,27 +66,15 @@ class Side:
         return self.scene.reach(recording.row_at(time_s - self.shift_s), recording)
 
 
-class Viewer:
-    """A running server; `close` ends it. A port that is taken gives way to the next free one: see `urls`.
-
-    Beyond this machine it answers only who has the token in them.
-    """
+class Viewer(PageServer):
+    """A running viewer of recordings."""
 
     def __init__(self, sources: list[Source], host: str, port: int) -> None:
         self._working = threading.Lock()  # one request a thread
         begins = [start_s(source(*ALL)) for source in sources]
-        self._server = _listening(host, port, self)
-        self.port = self._server.server_port
-        self.guard = Guard(host, str(self._server.server_address[0]))
-        self.urls = [f"http://{address}:{self.port}{self.guard.prefix}" for address in addresses(host)]
+        super().__init__(files_of(PAGE), "/page.html", host, port)
         self.sides = [Side(source, begins[0] - begin) for source, begin in zip(sources, begins, strict=True)]
-        self._thread = threading.Thread(target=self._server.serve_forever, name="viewer", daemon=True)
-        self._thread.start()
-
-    @property
-    def url(self) -> str:
-        """Where a browser on this machine finds the page."""
-        return self.urls[0]
+        self.start()
 
     def reach(self, time_s: float, span_s: float) -> list[dict[str, list[float]]]:
         """Of every side at a time of the page: see `Scene.reach`."""
@@ -123,7 +98,7 @@ class Viewer:
             return self._signal(query["name"], float(query["from_s"]), float(query["to_s"]), int(query["points"]))
         if path == "/scene":
             return [side.scene.description for side in self.sides]
-        raise KeyError(path)
+        return super().answer(path, query)
 
     def _story(self) -> dict[str, Any]:
         stories = [story_of(side.source(*ALL), side.shift_s) for side in self.sides]
@@ -145,87 +120,3 @@ class Viewer:
             assert b is not None
             found.append({"shift_s": 0.0, **reduced(difference(a, b, other.shift_s), from_s, to_s, points)})
         return found
-
-    def wait(self) -> None:
-        """Serves until interrupted."""
-        while self._thread.is_alive():
-            self._thread.join(1.0)
-
-    def close(self) -> None:
-        """Closes the port."""
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
-
-
-class _Handler(BaseHTTPRequestHandler):
-    protocol_version = "HTTP/1.1"
-    disable_nagle_algorithm = True  # head and body are sent apart
-    server_version, sys_version = "crux", ""
-    server: _Server
-
-    def do_GET(self) -> None:
-        """A file of the page, or JSON."""
-        guard = self.server.viewer.guard
-        try:
-            parts = urlsplit(self.path)
-        except ValueError:
-            parts = urlsplit("//")
-        path = None if parts.netloc else guard.inner(parts.path)
-        if refusal := guard.refusal(self.headers) or ("" if path is not None else "open the link that crux printed"):
-            self._send(403, "text/plain", refusal.encode())
-        elif path == "":
-            self._send(308, "text/plain", b"", {"Location": f"{guard.prefix}/"})
-        else:
-            assert path is not None
-            self._answer(path, parts.query)
-
-    def _answer(self, path: str, query: str) -> None:
-        if path in FILES:
-            file = FILES[path]
-            self._send(200, KINDS[file.suffix], file.read_bytes())
-            return
-        try:
-            found = self.server.viewer.answer(path, {key: values[-1] for key, values in parse_qs(query).items()})
-        except (KeyError, ValueError) as error:
-            self._send(404, "text/plain", f"no {path}: {error}".encode())
-            return
-        self._send(200, "application/json", json.dumps(found, separators=(",", ":")).encode())
-
-    def _send(self, status: int, kind: str, body: bytes, more: dict[str, str] | None = None) -> None:
-        self.send_response(status)
-        self.send_header("Content-Type", f"{kind}; charset=utf-8")
-        self.send_header("Content-Length", str(len(body)))
-        for name, value in {**HEADERS, **(more or {})}.items():
-            self.send_header(name, value)
-        self.end_headers()
-        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # a page that was closed
-            self.wfile.write(body)
-
-    def log_message(self, *_: Any) -> None:
-        """Nothing: standard error is for the person at the terminal."""
-
-
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-
-    def __init__(self, address: tuple[str, int], viewer: Viewer) -> None:
-        self.address_family = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0][0]
-        super().__init__(address, _Handler)
-        self.viewer = viewer
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """A page that was closed while it asked is none."""
-        if not isinstance(sys.exception(), ConnectionError):
-            super().handle_error(request, client_address)
-
-
-def _listening(host: str, port: int, viewer: Viewer) -> _Server:
-    """On the first free port from the wished one on; 0 is any. Raises OSError."""
-    for tried in range(port, port + (PORTS if port else 1)):
-        try:
-            return _Server((host, tried), viewer)
-        except OSError:
-            if tried in {0, port + PORTS - 1}:
-                raise
-    raise AssertionError

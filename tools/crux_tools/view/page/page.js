@@ -7,7 +7,8 @@ import { addCursors } from "./drawing.js";
 import { faster, follows, jump, play, rememberNow, seek, setRange, show, showAt, step, whole } from "./timeline.js";
 import { listEvents, listSignals, showJoints, showLegend } from "./panels.js";
 import { listenLayouts } from "./layouts.js";
-import { Rig, Space } from "./space.js";
+import { Space } from "./space.js";
+import { Rig } from "./stage.js";
 
 const STORY_EVERY_MS = 1000, NEWEST_EVERY_MS = 40, BEHIND_S = 20, AHEAD_S = 10;
 

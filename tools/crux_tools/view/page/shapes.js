@@ -16,6 +16,10 @@ const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeA
 
 export function formOf(shape) {
   if (shape.kind !== "mesh") return UNIT[shape.kind];
+  return shape.form ||= meshOf(shape);
+}
+
+function meshOf(shape) {
   const form = new THREE.BufferGeometry();
   form.setAttribute("position", new THREE.BufferAttribute(new Float32Array(bytes(shape.corners)), 3));
   form.setAttribute("normal", new THREE.BufferAttribute(new Float32Array(bytes(shape.normals)), 3));
