@@ -36,6 +36,7 @@ __all__ = [
     "limits",
     "start_is_well_formed",
     "walk_residuals",
+    "wall_offers",
     "wall_report",
 ]
 
@@ -144,6 +145,13 @@ def wall_report(
     from crux_planner.pipeline import wall_check
 
     return wall_check.wall_report(scenario, robot, limit_s, looks, at)
+
+
+def wall_offers(scenario: Scenario, robot: Robot) -> WallReport:
+    """The same without the search for the way up: see `crux_planner.pipeline.wall_check`."""
+    from crux_planner.pipeline import wall_check
+
+    return wall_check.wall_offers(scenario, robot)
 
 
 def first_walls(robot: Robot) -> Iterator[FirstWall]:

@@ -18,7 +18,7 @@ from crux_contracts.scenario import parse_scenario
 from crux_planner.checker.geometry import rotation_about_z
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
-from crux_planner.method_report import wall_report
+from crux_planner.method_report import wall_offers, wall_report
 from crux_tools.cli import main
 from crux_tools.paths import SCENARIOS
 
@@ -117,6 +117,7 @@ def test_a_limb_holds_from_where_it_says_and_from_nowhere_else(
         assert set(pair["limbs"]) == set(START)
         for limb, place in pair["limbs"].items():
             assert reached(limb, tuple(place["body_m"]), np.radians(place["heading_deg"]), at, pads_m)
+            assert 0.0 < place["share"] < 0.5
     place = said["pairs"][0]["limbs"]["LF"]
     (x0, x1), (y0, y1) = place["x_m"], place["y_m"]
     outside = [(x0 - 0.06, y) for y in np.linspace(y0, y1, 4)] + [(x1 + 0.06, y) for y in np.linspace(y0, y1, 4)]
@@ -124,6 +125,15 @@ def test_a_limb_holds_from_where_it_says_and_from_nowhere_else(
     for x, y in outside:
         for turn in (-0.2, 0.0, 0.2):
             assert not reached("LF", (float(x), float(y), 0.1875), turn, START["LF"], pads_m)
+
+
+def test_every_place_with_a_stance_is_told_and_the_limbs_reach_their_holds_from_it() -> None:
+    report = wall_offers(parse_scenario(wall()), load_robot("scaler"))
+    assert len({stance.body_m for stance in report.stances}) == len(report.stances) > 20
+    for stance in report.stances:
+        assert {hold for hold, _ in stance.grasps.values()} == set(START)
+        assert all(reached(limb, stance.body_m, 0.0, START[hold], 0.035) for limb, (hold, _) in stance.grasps.items())
+    assert report.top is None
 
 
 def test_the_way_up_ends_where_holds_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

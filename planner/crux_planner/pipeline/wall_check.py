@@ -35,7 +35,7 @@ STEP_M = 0.02  # of the search upwards
 BESIDE_M, ABOVE_M = 0.1, 0.35  # how far its bodies go beyond all holds, and how much further up
 PLACE_M = 0.04  # between bodies that are looked at for stances
 MARGIN_RAD = 0.04  # to joint limits
-SHOWN = 5  # stances to start from
+STARTS = 5  # stances, the lowest, that the search upwards may begin from
 
 Progress = Callable[[float], None]
 
@@ -43,7 +43,7 @@ Progress = Callable[[float], None]
 @dataclass(frozen=True)
 class From:
     """Bodies (x, y, height) in W [m] from which a limb holds on: the one with the most others about it, the ranges of
-    all of them, and the heading [rad] of that one.
+    all of them, and the heading [rad] of that one; `share` of the bodies around the hold that they are, 0..1.
     """
 
     body_m: tuple[float, float, float]
@@ -51,6 +51,7 @@ class From:
     x_m: tuple[float, float]
     y_m: tuple[float, float]
     height_m: tuple[float, float]
+    share: float
 
 
 @dataclass
@@ -75,12 +76,13 @@ class StartStance:
 
 @dataclass
 class WallReport:
-    """See the module. `refused`: why the scenario's own start is not to be had; `begun` the start searched from."""
+    """See the module. `stances`: of every place of the body that has one, the lowest first; `refused`: why the
+    scenario's own start is not to be had; `begun` the start searched from.
+    """
 
     pairs: list[Pair]
     refused: str = ""
     stances: list[StartStance] = field(default_factory=list)
-    places: int = 0  # of the body that have a stance
     begun: StartStance | None = None
     top: Highest | None = None
     held_by: dict[tuple[str, str], list[str]] = field(default_factory=dict)
@@ -90,6 +92,16 @@ class WallReport:
 def wall_report(scenario: Scenario, robot: Robot, limit_s: float, looks: int, at: Progress) -> WallReport:
     """The report on one wall; the search upwards takes so many looks at moves and seconds of computing at most. `at` is
     called with the share of the work that is done.
+
+    Raises ScenarioError where the wall is for feet.
+    """
+    report = wall_offers(scenario, robot, lambda share: at(0.6 * share))
+    _climb(report, scenario, robot, clock.now() + limit_s, looks)
+    return report
+
+
+def wall_offers(scenario: Scenario, robot: Robot, at: Progress = lambda _share: None) -> WallReport:
+    """The same without the search upwards: who grips which holds, and all stances.
 
     Raises ScenarioError where the wall is for feet.
     """
@@ -106,11 +118,10 @@ def wall_report(scenario: Scenario, robot: Robot, limit_s: float, looks: int, at
             if mine or off:
                 _reached(found, mine or off, scenario, robot, heading)
             pairs.append(found)
-        at(0.5 * (index + 1) / len(scenario.holds))
+        at(0.8 * (index + 1) / len(scenario.holds))
     report = WallReport(pairs, heading_rad=heading)
     _add_stances(report, centred, scenario, robot)
-    at(0.6)
-    _climb(report, scenario, robot, clock.now() + limit_s, looks)
+    at(1.0)
     return report
 
 
@@ -170,7 +181,7 @@ def _from(grid: BodyGrid, mask: Flags, heading: float) -> From:
     x, y = grid.x_m[cells[:, 4]], grid.y_m[cells[:, 5]]
     east, north, up = cos * x - sin * y, sin * x + cos * y, grid.z_m[cells[:, 3]]
     spans = [(float(each.min()), float(each.max())) for each in (east, north, up)]
-    return From(_in_w(place, heading), heading + float(rpy[2]), *spans)
+    return From(_in_w(place, heading), heading + float(rpy[2]), spans[0], spans[1], spans[2], float(mask.mean()))
 
 
 def _in_w(place_h: Array, heading: float) -> tuple[float, float, float]:
@@ -179,9 +190,7 @@ def _in_w(place_h: Array, heading: float) -> tuple[float, float, float]:
 
 
 def _add_stances(report: WallReport, contacts: list[Contact], scenario: Scenario, robot: Robot) -> None:
-    """Places of a level body with the start's heading and height at which four limbs hold, links off each other: their
-    number, and the lowest ones.
-    """
+    """Places of a level body with the start's heading and height at which four limbs hold, links off each other."""
     if not contacts:
         return
     places = np.array([c.centre_h_m for c in contacts])
@@ -201,14 +210,12 @@ def _add_stances(report: WallReport, contacts: list[Contact], scenario: Scenario
         chosen = _four(held[:, :, cell[0], cell[1]], contacts, grid, cell, reaches)
         if chosen is None:
             continue
-        report.places += 1
-        if len(report.stances) < SHOWN:
-            body = _in_w(np.array([x[cell[0]], y[cell[1]], z]), report.heading_rad)
-            named = {
-                name: (scenario.holds[contacts[c].hold].name, PAIR_NAMES[contacts[c].pair])
-                for name, c in zip(LIMB_NAMES, chosen, strict=True)
-            }
-            report.stances.append(StartStance(body, named))
+        body = _in_w(np.array([x[cell[0]], y[cell[1]], z]), report.heading_rad)
+        named = {
+            name: (scenario.holds[contacts[c].hold].name, PAIR_NAMES[contacts[c].pair])
+            for name, c in zip(LIMB_NAMES, chosen, strict=True)
+        }
+        report.stances.append(StartStance(body, named))
 
 
 def _four(
@@ -236,7 +243,7 @@ def _climb(report: WallReport, scenario: Scenario, robot: Robot, deadline: float
     if not scenario.start.air:
         grasps = {name: (grasp.hold, grasp.faces) for name, grasp in scenario.start.grasps.items()}
         own = StartStance(scenario.start.body.position_m, grasps)
-    for begun in ([own] if own is not None else []) + report.stances:
+    for begun in ([own] if own is not None else []) + report.stances[:STARTS]:
         goal = Goal(GoalPose(begun.body_m, (0.0, 0.0, scenario.start.body.rpy_deg[2])))
         start = scenario.start
         if begun is not own:

@@ -12,6 +12,7 @@ from crux_tools.arguments import positive, taught
 from crux_tools.output import add_json_option
 
 LIMIT_S, LOOKS = 20.0, 4000
+SHOWN = 5  # stances
 
 
 def add_check(actions: Any) -> None:
@@ -84,8 +85,8 @@ def _lines(report: Any) -> list[str]:
         lines += [f"    not {limb}: {why}" for limb, why in pair.without.items()]
     if report.refused:
         lines.append(f"the scenario's start: {report.refused}")
-    lines.append(f"{report.places} places of the body with four holds in reach; the lowest:")
-    lines += [f"  {_place(stance)}" for stance in report.stances]
+    lines.append(f"{len(report.stances)} places of the body with four holds in reach; the lowest:")
+    lines += [f"  {_place(stance)}" for stance in report.stances[:SHOWN]]
     if report.top is None:
         return [*lines, "no start from which the map leads on"]
     top, (x, y, _) = report.top, report.top.body_h_m
@@ -115,6 +116,7 @@ def _described(report: Any) -> dict[str, Any]:
                     "x_m": place.x_m,
                     "y_m": place.y_m,
                     "height_m": place.height_m,
+                    "share": place.share,
                 }
                 for limb, place in pair.limbs.items()
             },
@@ -126,8 +128,8 @@ def _described(report: Any) -> dict[str, Any]:
     start = {
         "refused": report.refused or None,
         "begun": report.begun and dataclasses.asdict(report.begun),
-        "places": report.places,
-        "stances": [dataclasses.asdict(stance) for stance in report.stances],
+        "places": len(report.stances),
+        "stances": [dataclasses.asdict(stance) for stance in report.stances[:SHOWN]],
     }
     top = report.top and {
         "body_m": report.top.body_h_m,
