@@ -13,6 +13,7 @@ from crux_tools.arguments import positive, taught, within
 from crux_tools.output import add_json_option
 
 from crux_simulation.wall.check_command import add_check
+from crux_simulation.wall.edit.command import add_edit
 
 MAX_TILT_DEG = 60.0
 
@@ -142,10 +143,11 @@ def add_parser(subparsers: Any) -> None:
     """Adds `crux wall` with its actions."""
     parser = subparsers.add_parser(
         "wall",
-        help="make a wall of a scan, and check what it offers",
+        help="draw a wall, make one of a scan, and check what it offers",
         **taught(
-            "Walls: import makes a scenario of a scan. check says which holds a robot can grip, by "
-            "which limbs and from where, and how far up it gets.",
+            "Walls: edit draws one in the browser. import makes a scenario of a scan. check says which holds a "
+            "robot can grip, by which limbs and from where, and how far up it gets.",
+            "crux wall edit my-wall.yaml",
             "crux wall import scan.ply -o wall.yaml --down 0 0 -1",
             "crux wall check wall.yaml --picture wall.png",
         ),
@@ -153,6 +155,7 @@ def add_parser(subparsers: Any) -> None:
     actions = parser.add_subparsers(dest="wall_action", metavar="ACTION", required=True)
     add_import(actions)
     add_check(actions)
+    add_edit(actions)
 
 
 def run(options: argparse.Namespace) -> int:
