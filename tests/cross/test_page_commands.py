@@ -77,6 +77,7 @@ ELSEWHERE = {
     r"crux upload FOLDER": ("tests/tools/test_route_upload.py", "upload_route"),
     r"crux climb FOLDER -o LOG": ("tests/tools/test_route_climb.py", "climb_here"),
     r"crux wall import .*": ("tests/tools/test_wall_import.py", '"import"'),
+    r"crux wall edit .*": ("tests/tools/test_wall_edit.py", '"edit"'),
     r"crux wall check .*": ("tests/tools/test_wall_check.py", '"check"'),
     r"crux robot check .*": ("tests/tools/test_robot_check.py", '"check"'),
     r"python examples/\S+ .*": ("tests/examples/test_examples.py", 'example("plan_a_wall")'),

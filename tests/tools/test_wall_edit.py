@@ -216,17 +216,21 @@ def test_what_is_wrong_is_told_in_words_with_the_hold_it_is_about(editor: Editor
     assert problem["text"].startswith("jug.size_m[2]: 3")
 
 
-def test_a_lost_process_is_told_and_another_one_goes_on() -> None:
+def test_a_lost_process_is_told_and_what_is_asked_next_ends_what_is_being_planned() -> None:
     work = Work()
     try:
         os.kill(work.pid, signal.SIGKILL)
         told = work.told(0, 60.0)
         assert told is not None
         assert told["plan"] == {"kind": "failed", "text": LOST}
-        robot = load_robot("scaler")
+        robot, scene = load_robot("scaler"), SCENARIOS / "climb-long.yaml"
+        work.look(1, yaml.safe_load(scene.read_text(encoding="utf-8")), load_scenario(scene))
+        first = work.pid
         content = empty_wall("empty", robot, 90.0)
-        work.look(1, content, scenario_of(content, robot, "empty"))
-        while told["state"] != "idle" or told["version"] != 1:
+        work.look(2, content, scenario_of(content, robot, "empty"))
+        assert work.pid != first
+        assert not Path(f"/proc/{first}").exists()
+        while told["state"] != "idle" or told["version"] != 2:
             news = work.told(told["stamp"], 60.0)
             assert news is not None
             told = news

@@ -135,6 +135,12 @@ def test_holds_show_who_grips_them_and_mistakes_are_told(hands: Hands) -> None:
     page.wait_until(IDLE)
     assert "lower than" in page.value("crux.byId('reach').textContent")
     assert page.value("crux.found.reach.stances.length") == 0
+    colours = "['h1', 'h2'].map((name) => crux.scene.made.get(crux.sketch.named(name).id).children[0].material.color)"
+    page.wait_until(f"(([low, good]) => low.r > 2 * low.g && good.g > 2 * good.r)({colours})")
+    dots = "['h1', 'h2'].map((name) => crux.scene.made.get(crux.sketch.named(name).id).children.length)"
+    assert (
+        page.value(f"(([low, good]) => good - low)({dots})") == 3
+    )  # four limbs' dots, and the lines of the chosen one
     page.press("s")
     assert "no stance" in page.value("document.querySelector('.toast').textContent")
     hands.type_into("size z", "2100")
@@ -166,6 +172,18 @@ def test_start_and_goal_snap_to_stances_and_the_wall_is_planned_saved_and_plans_
     page.press(" ")
     page.wait_until("Number(crux.byId('time').value) > 0 && crux.robot.ends.playing")
     assert page.value("crux.scene.robot[0].visible")
+
+
+def test_a_dragged_robot_snaps_and_the_plan_is_begun_anew(hands: Hands) -> None:
+    page = hands.page
+    x, y, z = page.value("crux.sketch.wall.sketch.goal.body.position_m")
+    page.wait_until("crux.scene.figures.goal[0].visible")
+    hands.drag(hands.at(x + 0.14, y, z + 0.03), hands.at(x + 0.19, y + 0.06, z + 0.03))
+    goal = page.value("crux.sketch.wall.sketch.goal")
+    assert goal["body"]["position_m"] in page.value("crux.found.reach.stances.map((stance) => stance.position_m)")
+    assert goal["body"]["position_m"][1] > y + 0.02
+    assert "grasps" not in goal
+    assert page.value("[crux.found.plan, crux.found.state]") == [None, "busy"]
 
 
 def test_a_wall_without_a_way_says_why_at_the_hold(hands: Hands) -> None:

@@ -23,6 +23,7 @@ from crux_simulation.wall.edit.content import (
 )
 from crux_simulation.wall.edit.splice import rewritten, written
 
+ORDER = ("version", "name", "robot", "wall", "contact", "holds", "obstacles", "start", "goal", "horizon")
 HEAD = "# Drawn by `crux wall edit`. Frame W: x up the wall, y to the left, z off it.\n"
 
 
@@ -71,7 +72,11 @@ class WallFile:
         """
         content, kept, places = content_with(self.content, self.places, sketch)
         old = None if self.data is None else self.data.decode()
-        text = HEAD + written(content) if old is None else rewritten(old, content, kept)
+        text = (
+            HEAD + written({key: content[key] for key in ORDER if key in content})
+            if old is None
+            else rewritten(old, content, kept)
+        )
         if not over and (question := self._question(text)):
             return question
         data = (written(content) if text is None else text).encode()

@@ -16,8 +16,12 @@ function local(body, [x, y]) {
 function drags(scene, event, { knob, id, end }) {
   if (end || robot.ends.choosing) {
     if (end && robot.ends.choosing !== end) robot.begin(end);
-    const begun = robot.ends.choosing;
-    return begun && ((now) => { const at = scene.onWall(now); if (at && robot.ends.choosing) robot.snap(at); });
+    if (!robot.ends.choosing) return null;
+    const [x, y, z] = robot.ends.at.position_m, from = end ? scene.onWall(event, z) : null;
+    return (now) => {
+      const at = scene.onWall(now, from ? z : 0);
+      if (at && robot.ends.choosing) robot.snap(from ? [x + at[0] - from[0], y + at[1] - from[1]] : at);
+    };
   }
   const body = chosen();
   if (knob === "turn") return (now) => {

@@ -8,7 +8,7 @@ import { rgb, wall as slab } from "../shapes.js";
 import { Stage } from "../stage.js";
 import { wall } from "./sketch.js";
 
-const AROUND_M = 1.0, LEAST_M = 1.5, GOAL_OPACITY = 0.45, DOT_M = 0.012, USUAL_SHARE = 0.1, LEAST = 0.4, MOST = 1.4, KNOB_M = 0.013, KNOB_OFF_M = 0.05;
+const AROUND_M = 1.0, LEAST_M = 1.5, GOAL_OPACITY = 0.45, DOT_M = 0.012, USUAL_SHARE = 0.1, LEAST = 0.4, MOST = 1.4, RIM = 1.25, KNOB_M = 0.013, KNOB_OFF_M = 0.05;
 const NONE = [212, 36, 36], ONE = [237, 186, 38], ALL = [46, 161, 89], UNKNOWN = [150, 148, 142], OBSTACLE = [92, 92, 100];
 const CHOSEN = 0x1f6fd0, KNOB = 0xe0218a, WAY = 0x9a4fd0, PLACE = 0x1f9f9f;
 const QUARTERS = [[1, 1], [1, -1], [-1, 1], [-1, -1]]; // of a body's top, of LF, RF, LR, RR
@@ -109,10 +109,13 @@ export class WallScene extends Stage {
       if (!share) return;
       const dot = new THREE.Mesh(new THREE.SphereGeometry(DOT_M * Math.min(Math.max(Math.sqrt(share / USUAL_SHARE), LEAST), MOST), 12, 8), new THREE.MeshBasicMaterial({ color: COLOURS[limb] }));
       dot.position.set(...QUARTERS[limb].map((side, k) => side * body.size_m[k] / 4), body.size_m[2]);
+      const rim = new THREE.Mesh(dot.geometry, new THREE.MeshBasicMaterial({ color: 0xffffff, side: THREE.BackSide }));
+      rim.scale.setScalar(RIM);
+      dot.add(rim);
       group.add(dot);
     });
     const name = label(body.name, chosen ? "hold chosen" : "hold");
-    name.position.set(0, 0, body.size_m[2]);
+    name.position.set(body.size_m[0] / 2, 0, body.size_m[2]);
     group.add(name);
     if (blamed[body.name]) {
       const why = label(blamed[body.name], "why");
