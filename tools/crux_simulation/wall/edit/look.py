@@ -36,7 +36,9 @@ def serve(link: Connection) -> None:
         try:
             if looks:
                 link.send(reach(scenario))
-            link.send(planned(scenario, link) if plans else {"kind": "done"})
+            if plans:
+                plan(scenario, link)
+            link.send({"kind": "done"})
         except Exception as error:  # a mistake of crux, told in the page
             link.send({"kind": "failed", "text": f"crux failed on this wall: {type(error).__name__}: {error}"})
 
@@ -70,9 +72,10 @@ def reach(scenario: Scenario) -> Told:
     return {"kind": "reach", "holds": holds, "stances": stances}
 
 
-def planned(scenario: Scenario, link: Connection) -> Told:
-    """The plan's figures and motion, or why there is none."""
+def plan(scenario: Scenario, link: Connection) -> None:
+    """Sends the plan's figures, then its motion, which takes a while as well; or why there is none."""
     import crux_planner
+    from crux_contracts.robot import robot_of
     from crux_contracts.scenario import ScenarioError
 
     last = [0.0]
@@ -83,13 +86,19 @@ def planned(scenario: Scenario, link: Connection) -> Told:
             link.send({"kind": "doing", "text": what, "share": share})
 
     try:
-        result = crux_planner.plan(scenario, scenario.robot, progress=progress)
+        if scenario.start.air:
+            result = crux_planner.Planner(scenario, robot_of(scenario.robot)).plan()
+        else:
+            result = crux_planner.plan(scenario, scenario.robot, progress=progress)
     except crux_planner.InfeasibleError as error:
-        return refused(scenario, f"{error.verdict} ({error.constraint})", str(error))
+        link.send(refused(scenario, f"{error.verdict} ({error.constraint})", str(error)))
+        return
     except ScenarioError as error:
-        return refused(scenario, "", str(error))
+        link.send(refused(scenario, "", str(error)))
+        return
     told = {"cost": result.cost, "gap": result.gap, "steps": result.steps, "margin_n": result.check.friction_margin_N}
-    return {"kind": "plan", **told, "seconds": result.plan.knots[-1].time_s, "motion": motion(result.plan)}
+    link.send({"kind": "plan", **told, "seconds": result.plan.knots[-1].time_s})
+    link.send({"kind": "motion", **motion(result.plan)})
 
 
 def refused(scenario: Scenario, verdict: str, text: str) -> Told:
@@ -99,15 +108,15 @@ def refused(scenario: Scenario, verdict: str, text: str) -> Told:
     return {"kind": "refused", "verdict": verdict, "text": text, "holds": named}
 
 
-def motion(plan: Any) -> Told:
-    """Poses of the robot's bodies at even times, as `Bodies.poses` has them, and the way of the body (3 n,)."""
+def motion(made: Any) -> Told:
+    """Of a plan_t: poses of the robot's bodies at even times, as `Bodies.poses` has them, and the body's way (3 n,)."""
     from crux_contracts.plan_file import write_plan
     from crux_tools.view.recording import recording_of
     from crux_tools.view.scene import Scene
 
     with tempfile.TemporaryDirectory(prefix="crux-edit-") as folder:
         path = Path(folder) / "plan.mcap"
-        write_plan(path, plan)
+        write_plan(path, made)
         recording = recording_of(path)
     assert recording is not None
     scene, time_s = Scene(recording), recording.log.time_s

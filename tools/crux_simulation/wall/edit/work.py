@@ -37,6 +37,7 @@ class Work:
         self._reached_for = ""
         self._stamp, self._reach_stamp, self._version = 0, 0, -1
         self._reach: Told | None = None
+        self._motion: Told | None = None
         self._told: Told = {"state": IDLE, "plan": None, "doing": None}
         self._begin()
 
@@ -90,7 +91,7 @@ class Work:
             if looks:
                 self._reached_for, self._reach, self._reach_stamp = key, None, self._stamp + 1
             self._told |= {"state": BUSY, "plan": None, "doing": None}
-            self._version = version
+            self._motion, self._version = None, version
             self._note()
             self._send((scenario, looks, not missing(content)))
 
@@ -99,7 +100,7 @@ class Work:
         with self._lock:
             self._anew()
             self._told |= {"state": IDLE, "plan": None, "doing": None}
-            self._version = version
+            self._motion, self._version = None, version
             self._note()
 
     def told(self, since: int, wait_s: float) -> dict[str, Any] | None:
@@ -109,15 +110,13 @@ class Work:
             if self._stamp <= since:
                 return None
             told = {"stamp": self._stamp, "version": self._version, **self._told}
-            if told["plan"] is not None:
-                told["plan"] = {key: value for key, value in told["plan"].items() if key != "motion"}
+            told["moves"] = self._motion is not None
             return told | ({"reach": self._reach} if self._reach_stamp > since else {})
 
     def motion(self, version: int) -> Told | None:
         """Of the plan, where it is that of this version."""
         with self._lock:
-            plan = self._told["plan"] if version == self._version else None
-            return None if plan is None else plan.get("motion")
+            return self._motion if version == self._version else None
 
     def close(self) -> None:
         """Ends the process."""
@@ -145,10 +144,16 @@ class Work:
     def _take(self, told: Told) -> None:
         if told["kind"] == "reach":
             self._reach, self._reach_stamp = told, self._stamp + 1
+        elif told["kind"] == "motion":
+            self._motion = told
+        elif told["kind"] == "done":
+            self._told |= {"state": IDLE, "doing": None}
         elif told["kind"] == "doing":
             self._told["doing"] = told
         else:
-            self._told |= {"state": IDLE, "plan": None if told["kind"] == "done" else told, "doing": None}
+            self._told["plan"] = told
+        if told["kind"] == "failed":
+            self._told |= {"state": IDLE, "doing": None}
 
 
 def _reach_key(content: Content, scenario: Scenario) -> str:

@@ -12,8 +12,7 @@ const shown = { start: "", goal: "" }, asked = { start: null, goal: null };
 const standing = (end) => {
   const own = wall.sketch[end];
   if (!own?.body) return null;
-  const grasps = Object.keys(own.grasps ?? {}).length ? own.grasps : stanceAt(own.body.position_m)?.grasps;
-  return { body: own.body, grasps: grasps ?? {} };
+  return { body: own.body, grasps: { ...stanceAt(own.body.position_m)?.grasps, ...own.grasps } }; // a goal may leave them open
 };
 
 const stanceAt = (place) => ends.stances.find((stance) => hypot(...stance.position_m.map((x, k) => x - place[k])) < 1e-3);

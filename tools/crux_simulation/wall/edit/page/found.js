@@ -64,12 +64,13 @@ function takeReach(reach) {
 
 async function take(told) {
   [found.state, found.doing, found.version] = [told.state, told.doing, told.version];
-  if (JSON.stringify(found.plan) === JSON.stringify(told.plan)) return;
-  found.plan = told.plan;
-  stop();
-  if (told.plan?.kind !== "plan") return;
-  const motion = await ask(`/motion?version=${told.version}`);
-  if (found.plan !== told.plan || !motion) return;
+  if (JSON.stringify(found.plan) !== JSON.stringify(told.plan)) {
+    found.plan = told.plan;
+    stop();
+  }
+  if (!told.moves || found.motion) return;
+  const { plan } = found, motion = await ask(`/motion?version=${told.version}`);
+  if (found.plan !== plan || found.motion || !motion) return;
   found.motion = motion;
   ends.scene.showWay(motion.way);
   byId("time").max = motion.time_s.at(-1);
