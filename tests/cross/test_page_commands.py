@@ -75,6 +75,7 @@ ELSEWHERE = {
     r"crux plan SCENARIO -o NEW.mcap --from .*": ("tests/planner/pipeline/test_plan_cli.py", '"--from"'),
     r"crux plan SCENARIO -o FOLDER --stream": ("tests/planner/pipeline/test_route.py", '"--stream"'),
     r"crux upload FOLDER": ("tests/tools/test_route_upload.py", "upload_route"),
+    r"crux upload .* --replan": ("tests/tools/test_replanner.py", "beside"),
     r"crux climb FOLDER -o LOG": ("tests/tools/test_route_climb.py", "climb_here"),
     r"crux wall import .*": ("tests/tools/test_wall_import.py", '"import"'),
     r"crux wall edit .*": ("tests/tools/test_wall_edit.py", '"edit"'),
