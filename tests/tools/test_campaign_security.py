@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
 import socket
 import ssl
 import subprocess
@@ -144,3 +145,10 @@ def test_keys_that_cannot_be_used_are_refused_with_what_would_be_right(
         (line,) = capsys.readouterr().err.splitlines()
         assert said in line
         assert "right is" in line or "begins with" in line or "give its address" in line
+
+
+def test_workers_keep_memory_as_other_processes_do() -> None:
+    """With the threshold that Dask sets, planning takes twice as long."""
+    with cluster(None, None, 1) as own:
+        assert own.client.submit(os.environ.get, "OMP_NUM_THREADS").result() == "1"
+        assert own.client.submit(os.environ.get, "MALLOC_TRIM_THRESHOLD_").result() is None

@@ -28,10 +28,14 @@ OPEN = (
     "is not encrypted: anyone who reaches it can run programs as the users its workers run as, and as you; use it only "
     "in a network where you trust everyone, or start it with keys (tools/README.md, campaigns)"
 )
-_CLOSED = {
+_BLAS = ("OMP", "MKL", "OPENBLAS")
+_SETTINGS = {
     "distributed.deploy.lost-worker-timeout": RESTART_S,
     "distributed.scheduler.http.routes": [],  # the HTTP servers themselves cannot be left out
     "distributed.worker.http.routes": [],
+    # Without MALLOC_TRIM_THRESHOLD_, which Dask adds: with it every array is given back to the system at once, and
+    # planning takes twice as long.
+    "distributed.nanny.pre-spawn-environ": dict.fromkeys([f"{name}_NUM_THREADS" for name in _BLAS], 1),
 }
 
 
@@ -88,7 +92,7 @@ def _own_cluster(workers: int) -> Iterator[Cluster]:
             "dashboard_address": "127.0.0.1:0",
             "scheduler_kwargs": {"dashboard": False},
         }
-        with dask.config.set(_CLOSED):
+        with dask.config.set(_SETTINGS):
             interrupted = signal.signal(
                 signal.SIGINT, signal.SIG_IGN
             )  # Ctrl-C is for this process, which ends the workers
