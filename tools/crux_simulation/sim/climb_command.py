@@ -90,18 +90,7 @@ def add_parser(subparsers: Any) -> None:
         help="what goes wrong on the buses or with the runtime's process, and when (docs/worlds.md has the kinds)",
     )
     _add_world_options(parser)
-    parser.add_argument(
-        "--guide",
-        action="store_true",
-        help="when the robot holds for a reason that another plan may avoid, plan again and go on, as crux guide "
-        "does on the robot (--bus memory)",
-    )
-    parser.add_argument(
-        "--replan",
-        action="store_true",
-        help="plan the moves ahead again after each new grasp, where holds are not as on the map, as crux upload "
-        "--replan does on the robot (--bus memory)",
-    )
+    _add_planning_options(parser)
     parser.add_argument(
         "--calibrate",
         action="store_true",
@@ -117,6 +106,21 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="also write a report of the climb")
     add_json_option(parser)
     parser.set_defaults(func=run)
+
+
+def _add_planning_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--guide",
+        action="store_true",
+        help="when the robot holds for a reason that another plan may avoid, plan again and go on, as crux guide "
+        "does on the robot (--bus memory)",
+    )
+    parser.add_argument(
+        "--replan",
+        action="store_true",
+        help="plan the moves ahead again after each new grasp, where holds are not as on the map, as crux upload "
+        "--replan does on the robot (--bus memory)",
+    )
 
 
 def _add_log_options(parser: argparse.ArgumentParser) -> None:

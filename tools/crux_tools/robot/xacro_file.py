@@ -69,7 +69,7 @@ def _named(file: Path) -> str:
 
 
 def _told(error: Exception, text: bytes, arguments: dict[str, str]) -> str:
-    """What went wrong, and what would mend it."""
+    """What went wrong, and what to change."""
     said = " ".join(str(error).split()) or type(error).__name__
     absent = re.search(rf"{ABSENT}([\w-]+)", said)
     if absent:
