@@ -330,6 +330,7 @@ def test_a_picture_of_a_moment(log_path: Path, tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.sweep  # test_an_mp4_shows_its_pictures_one_after_the_other looks at the coding alone
 def test_a_film_goes_from_moment_to_moment(log_path: Path, tmp_path: Path) -> None:
     film = tmp_path / "film.gif"
     words = ["view", str(log_path), "--video", str(film), "--speed", "4"]

@@ -199,6 +199,7 @@ def largest_excess_N(problem: Problem, schedule: Schedule, wrenches: list[dict[i
     return float(max(found))
 
 
+@pytest.mark.sweep
 def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
     problem, schedule, path = instance("steep")
     weaker = problem.torque_limits_Nm * 0.85
