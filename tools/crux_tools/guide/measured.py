@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import knot_times_s
 from crux_contracts.scenario import Scenario, parse_scenario
+from crux_contracts.yaml_document import parse_mapping, values
 from crux_msgs import limb_knot_t, plan_t, status_t
 
 from crux_tools.guide.situation import SHIFT_M, TURN_RAD, at_most, yaw_of
@@ -69,7 +70,7 @@ def found_holds(plan: plan_t, status: status_t) -> list[Found]:
 
 def scenario_with(plan: plan_t, found: Sequence[Found]) -> Scenario:
     """The plan's scenario with these holds as they were found. Raises ScenarioError where that makes none."""
-    content = yaml.safe_load(plan.scenario_yaml)
+    content: Any = values(parse_mapping(plan.scenario_yaml.encode(), "the scenario in the plan"))
     holds = {hold["name"]: hold for hold in content["holds"]}
     for each in found:
         hold = holds[each.hold]
@@ -77,4 +78,4 @@ def scenario_with(plan: plan_t, found: Sequence[Found]) -> Scenario:
         hold["yaw_deg"] = hold.get("yaw_deg", 0.0) + math.degrees(each.turned_rad)
         if each.friction is not None:
             hold["friction"] = at_most(hold["friction"], each.friction)
-    return parse_scenario(yaml.safe_dump(content, sort_keys=False), "the wall as measured")
+    return parse_scenario(content, "the wall as measured")
