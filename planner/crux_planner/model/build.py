@@ -137,10 +137,21 @@ def wall_contacts(
     return _contacts(scenario, robot, _cuboids(scenario, heading), shape, limits, off_centre)
 
 
+_KNOWN: dict[tuple[str, float], LimbReach] = {}
+
+
 def reach_of(robot: Robot, tilt_rad: float) -> LimbReach:
     """(9a) for tilts up to `tilt_rad` and every gripper yaw, from the pads' least height on a hold to the highest
-    swing; the outer set for all tilts. Raises InfeasibleError where limbs do not reach so with the body that tilted.
+    swing; the outer set for all tilts; once a process for robots of one hash. Raises InfeasibleError where limbs do not
+    reach so with the body that tilted.
     """
+    key = robot.hash, tilt_rad
+    if key not in _KNOWN:
+        _KNOWN[key] = _reach_of(robot, tilt_rad)
+    return _KNOWN[key]
+
+
+def _reach_of(robot: Robot, tilt_rad: float) -> LimbReach:
     grasp = robot.grasp
     wanted = WorkspaceRange(
         robot.body.height_m,

@@ -80,11 +80,14 @@ def on_feet(problem: WalkProblem, feet: Any, yaws: Any) -> list[Any]:
 
 
 def euler_step(x: Any, force: Any, moment_origin: Any, centre: Any, p: CentroidalProblem) -> Any:
-    """The body state one step on, from the total force and its moment about H's origin; `centre` is that of mass."""
+    """The body state one step on, from the total force and its moment about H's origin; `centre` is that of mass. The
+    problem's inertia and gravity may be casadi's symbols.
+    """
     v, omega = x[6:9], x[9:12]
+    inertia = p.inertia_b if isinstance(p.inertia_b, ca.SX) else ca.DM(p.inertia_b)
     moment = rotation(x[3:6]).T @ (moment_origin - ca.cross(centre, force))
     acceleration = force / p.mass_kg + p.gravity_h
-    angular = np.linalg.inv(p.inertia_b) @ (moment - ca.cross(omega, p.inertia_b @ omega))
+    angular = ca.inv(inertia) @ (moment - ca.cross(omega, inertia @ omega))
     return ca.vertcat(next_pose(x, p.dt_s), v + p.dt_s * acceleration, omega + p.dt_s * angular)
 
 

@@ -54,7 +54,6 @@ class Planner:
         self.problem = build_problem(self.scenario, self.robot)
         self.oracles = Oracles.of(self.problem, TorqueLimits(self.problem, self.problem.friction_share))
         self.functions = JointFunctions(self.problem, reaches_of(self.robot), UNLIMITED)
-        self.functions.started_elsewhere(self.problem)  # which makes them
         self._refused: InfeasibleError | None = None
         self._seen = SearchReport()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from crux_planner.model.arrays import Array
 
 _MOST = 40  # functions kept, of a megabyte each
 _PACKAGE = Path(__file__).resolve().parents[1]
+_MADE: dict[Hashable, Mapped] = {}  # those of `once`
 _MADE_BY = ("model", "physics", "reach", "solvers", "trajectory")  # folders of what functions are made of
 
 
@@ -27,6 +28,15 @@ class Mapped:
     def __init__(self, name: str, arguments: list[Any], outputs: Any) -> None:
         dense = [ca.densify(output) for output in outputs]
         self._take(ca.Function(name, arguments, dense, {"cse": True}))
+
+    @classmethod
+    def once(cls, given: Hashable, make: Callable[[], Mapped]) -> Mapped:
+        """What `make` returns, made once in this process for the same `given`: of those, the last `_MOST` are kept."""
+        made = _MADE.pop(given, None) or make()
+        _MADE[given] = made  # last
+        while len(_MADE) > _MOST:
+            del _MADE[next(iter(_MADE))]
+        return made
 
     @classmethod
     def kept(cls, given: object, make: Callable[[], Mapped]) -> Mapped:

@@ -40,6 +40,19 @@ _PATH_YAW_RAD_M = 3.0  # heading that counts as a metre where the body keeps nea
 _MOVES = [0, 1, 5]  # states of the body that follow the path: x, y, yaw
 
 
+@dataclass(frozen=True, eq=False)
+class _Same:
+    """Equal to what has the very same reaches: those of a robot are made once in a process."""
+
+    reaches: tuple[Reach, ...]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.reaches is self.reaches
+
+    def __hash__(self) -> int:
+        return id(self.reaches)
+
+
 @dataclass(frozen=True)
 class JointFunctions(StageFunctions):
     """The stage functions with joint limits for (9a)."""
@@ -73,8 +86,12 @@ class JointFunctions(StageFunctions):
         multipliers.
         """
         masses = [each.numbers for each in self.problem.limb_masses]
-        given = [reach.limb for reach in self.reaches], self.ends.of_limb, masses
-        return Mapped.kept(("joints", given), self._make_placed)
+
+        def read() -> Mapped:
+            given = [reach.limb for reach in self.reaches], self.ends.of_limb, masses
+            return Mapped.kept(("joints", given), self._make_placed)
+
+        return Mapped.once(("joints", _Same(self.reaches), np.array(masses).tobytes()), read)
 
     def _make_placed(self) -> Mapped:
         x, hands = ca.SX.sym("x", BODY_STATES), ca.SX.sym("hands", self.hand_numbers)

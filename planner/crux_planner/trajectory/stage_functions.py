@@ -8,7 +8,7 @@ functions serves every plan of a problem.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, Self
 
@@ -35,6 +35,7 @@ SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a litt
 COLUMN = WRENCH_INPUTS + 3
 POSE = 6  # of the body's states: position and orientation
 _WRENCH = 6
+_TURNING = 12  # numbers: inertia and gravity
 _TorqueGiven = tuple[tuple[float, ...], float, int, int]
 """Units of q, the length of an interval, S of limbs without a closed form, 0 where they have one, and how many numbers
 a grasp has: all that torques depend on beside their functions' arguments."""
@@ -88,13 +89,8 @@ class StageFunctions:
 
     def started_elsewhere(self, problem: Problem) -> Self:
         """The functions of a problem that differs in its start alone: of all equations only (8b)'s inertia does."""
-        for kind in type(self).__mro__:
-            for name, made in vars(kind).items():
-                if isinstance(made, cached_property) and name != "_step":
-                    getattr(self, name)  # made once, here
         other = copy(self)
         other.__dict__["problem"] = problem
-        other.__dict__.pop("_step", None)
         return other
 
     @cached_property
@@ -128,7 +124,9 @@ class StageFunctions:
 
         Second derivatives take the centre of mass as linear in the pose.
         """
-        return self._step(body, totals, self.with_seeds(body, hands), multipliers)
+        turning = np.concatenate([self.problem.inertia_b.ravel(order="F"), self.problem.gravity_h])
+        given = body, totals, self.with_seeds(body, hands), multipliers
+        return self._step(*given, np.broadcast_to(turning, (len(body), _TURNING)))
 
     @property
     def layout(self) -> Layout:
@@ -159,26 +157,36 @@ class StageFunctions:
             return own
         return [ca.vertcat(*each) for each in zip(own, ca.vertsplit(hands[16:], self.layout.seed), strict=True)]
 
-    @cached_property
+    @property
     def _step(self) -> Mapped:
+        """Also of inertia (9) and gravity (3), which the start's posture and heading decide."""
         p = self.problem
-        sizes = {"x": BODY_STATES, "w": _WRENCH, "hands": self.hand_numbers, "l": BODY_STATES}
-        x, total, hands, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
+        own = tuple(self._numbers.ravel().tolist()), tuple(p.body_moment_kg_m.tolist()), p.mass_kg
+        given = "step", own, p.dt_s, p.chain_slots
+        return Mapped.once(given, lambda: Mapped.kept(given, self._make_step))
+
+    def _make_step(self) -> Mapped:
+        sizes = {"x": BODY_STATES, "w": _WRENCH, "hands": self.hand_numbers, "l": BODY_STATES, "turning": _TURNING}
+        x, total, hands, multiplier, turning = arguments = [ca.SX.sym(*each) for each in sizes.items()]
         at, by_pose, pose = ca.SX.sym("c", 3), ca.SX.sym("slope", 3, POSE), ca.SX.sym("at", POSE)
+        p = replace(self.problem, inertia_b=ca.reshape(turning[:9], 3, 3), gravity_h=turning[9:])
         step = euler_step(x, total[0:3], total[3:6], at + by_pose @ (x[:POSE] - pose), p)
         slope = ca.gradient(ca.dot(multiplier, step), x)
         outputs = [step, ca.jacobian(step, x), ca.jacobian(step, total), ca.jacobian(slope, x)]
         outputs.append(ca.jacobian(slope, total))
-        linear = ca.Function("linear", [x, total, multiplier, at, by_pose, pose], outputs)
+        linear = ca.Function("linear", [x, total, multiplier, turning, at, by_pose, pose], outputs)
         centre = centre_of_mass(p, x, ca.vertsplit(hands[:16], 4), self.limb_numbers(hands))
         by_pose = ca.jacobian(centre, x)[:, :POSE]
-        return Mapped("step", arguments, linear(x, total, multiplier, centre, by_pose, x[:POSE]))
+        return Mapped("step", arguments, linear(x, total, multiplier, turning, centre, by_pose, x[:POSE]))
 
     @cached_property
     def reach(self) -> Mapped:
         """Rows (n, m) of (9a), here offsets along the directions of the reach; their derivatives (n, m, 6) by the pose,
         and the Hessian (n, 6, 6), at (n, 12), grippers (n, 12) and multipliers (n, m).
         """
+        return Mapped.once(("reach", self.problem.boxes.directions.tobytes()), self._make_reach)
+
+    def _make_reach(self) -> Mapped:
         x, grippers, along = ca.SX.sym("x", BODY_STATES), ca.SX.sym("c", 12), ca.DM(self.problem.boxes.directions)
         offsets = ca.vertcat(*[along @ offset_in_body(x[0:3], x[3:6], grippers[3 * i : 3 * i + 3]) for i in range(4)])
         multiplier = ca.SX.sym("z", offsets.size1())
@@ -192,6 +200,10 @@ class StageFunctions:
         At (n, 8), fingers (n, 4): friction of both, 1 or 0 for those with and without spines; where some faces lean (n,
         8): cosine and sine of both; multipliers (n, m).
         """
+        p = self.problem
+        return Mapped.once(("surface", p.limit_surface, p.patch.k_m, p.leans), self._make_surface)
+
+    def _make_surface(self) -> Mapped:
         p, scale = self.problem, self.scale
         u, fingers = ca.SX.sym("u", COLUMN), ca.SX.sym("fingers", 8 if p.leans else 4)
         loads, wrench, share = fingers[:2] * u[3:5] * scale[3:], u[0:3] * scale[:3], u[5:8] * scale[:3]
@@ -260,6 +272,9 @@ class StageFunctions:
     @cached_property
     def wrench_maps(self) -> Mapped:
         """(n, 6, 5): force and moment about the origin for scaled q, at grasps (n, `grasp_numbers`)."""
+        return Mapped.once(("wrench", tuple(self.scale), self.problem.leans), self._make_wrench_maps)
+
+    def _make_wrench_maps(self) -> Mapped:
         q, grasp = ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", self.grasp_numbers)
         force, moment = gripper_wrench(q * self.scale, grasp[0:3], grasp[3:6], grasp[6:9])
         if self.problem.leans:
@@ -269,12 +284,17 @@ class StageFunctions:
     @cached_property
     def body_cost(self) -> Mapped:
         """Cost, gradient, Hessian of (n, 12)."""
-        x = ca.SX.sym("x", BODY_STATES)
-        return _with_derivatives("body_cost", body_cost(x, self.problem), x)
+        weights, goal = self.problem.weights, self.problem.goal.body
+        x, given = ca.SX.sym("x", BODY_STATES), (weights, tuple(goal.position_m), tuple(goal.rpy_rad))
+        return Mapped.once(("body", given), lambda: _with_derivatives("body_cost", body_cost(x, self.problem), x))
 
     @cached_property
     def column_cost(self) -> Mapped:
         """Cost, gradient, Hessian of (n, 8)."""
+        given = "column", self.problem.weights.wrench, self.problem.patch.k_m, tuple(self.scale)
+        return Mapped.once(given, self._make_column_cost)
+
+    def _make_column_cost(self) -> Mapped:
         u = ca.SX.sym("u", COLUMN)
         cost = wrench_cost(u[0:5] * self.scale, self.problem) + SPINE_WEIGHT * ca.sumsqr(u[5:8])
         return _with_derivatives("column_cost", cost, u)

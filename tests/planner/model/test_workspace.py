@@ -11,7 +11,7 @@ from crux_contracts.robot import Robot, load_robot
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
 from crux_planner.errors import InfeasibleError
-from crux_planner.model import kept, workspace
+from crux_planner.model import build, kept, workspace
 from crux_planner.model.build import reach_of
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.model.workspace import (
@@ -188,12 +188,15 @@ def test_what_a_robot_reaches_is_computed_once(
     robot: Robot, reach: LimbReach, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    reach_of(robot, reach.inner.max_tilt_rad)
+    monkeypatch.setattr(build, "_KNOWN", {})
+    first = reach_of(robot, reach.inner.max_tilt_rad)
+    assert reach_of(robot, reach.inner.max_tilt_rad) is first
     (file,) = kept.cache_folder().iterdir()
-    monkeypatch.setattr(workspace, "acceptance_boxes", lambda *_: pytest.fail("computed again"))
-    np.testing.assert_array_equal(reach_of(robot, reach.inner.max_tilt_rad).inner.extent_m, reach.inner.extent_m)
-    monkeypatch.undo()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    build._KNOWN.clear()  # as another process
+    with monkeypatch.context() as patch:
+        patch.setattr(workspace, "acceptance_boxes", lambda *_: pytest.fail("computed again"))
+        np.testing.assert_array_equal(reach_of(robot, reach.inner.max_tilt_rad).inner.extent_m, reach.inner.extent_m)
+    build._KNOWN.clear()
     file.write_bytes(file.read_bytes()[:100])
     np.testing.assert_array_equal(reach_of(robot, reach.inner.max_tilt_rad).inner.extent_m, reach.inner.extent_m)
 

@@ -68,3 +68,16 @@ def test_only_the_newest_functions_are_kept(monkeypatch: pytest.MonkeyPatch) -> 
         Mapped.kept(name, make)
     assert len(list((kept.cache_folder() / "functions").iterdir())) == 3
     Mapped.kept("d", never)
+
+
+def test_a_function_is_made_once_in_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mapped, "_MADE", {})
+    monkeypatch.setattr(mapped, "_MOST", 2)
+    made = Mapped.once("a", make)
+    assert Mapped.once("a", never) is made
+    Mapped.once("b", make)
+    Mapped.once("a", never)
+    Mapped.once("c", make)
+    Mapped.once("a", never)
+    with pytest.raises(AssertionError, match="made again"):  # asked for longest ago
+        Mapped.once("b", never)

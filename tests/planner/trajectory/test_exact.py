@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_planner.model.build import build_problem
+from crux_planner.model.mass import centres_of_mass
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.physics import dynamics
@@ -140,6 +141,7 @@ def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest
     values = cache(stage_functions._torque_values.__wrapped__)  # made anew, of that pose
     monkeypatch.setattr(stage_functions, "_torque_values", values)
     monkeypatch.setattr(stage_functions, "_torques", cache(stage_functions._make_torques))
+    monkeypatch.setattr(StageFunctions, "_step", property(StageFunctions._make_step))
     stages, _ = stages_at_random(3)
     at, above, below = (
         stages.derivatives(
@@ -288,3 +290,19 @@ def test_torques_asked_for_in_a_solution_are_kept_by_knots_about_them_alone(monk
     assert np.abs(stages.next_states(found.body, found.columns) - found.body[1:]).max() < 1e-6
     assert at_once.cost - 1e-4 < found.cost < 1.002 * at_once.cost
     assert free.cost < at_once.cost
+
+
+def test_problems_with_other_starts_share_a_step_and_each_has_its_own_inertia() -> None:
+    random, problem = np.random.default_rng(4), build_problem(scenario(two_rows()), load_robot("scaler"))
+    posture = random.normal(size=(3, 3))
+    other = replace(problem, inertia_b=problem.inertia_b + 0.1 * posture @ posture.T, gravity_h=random.normal(size=3))
+    functions = StageFunctions(problem)
+    assert functions._step is functions.started_elsewhere(other)._step is StageFunctions(other)._step
+    body = 0.1 * random.standard_normal((1, 12)) + [*problem.start.position_m, *9 * [0.0]]
+    hands = np.concatenate([problem.contacts[c].pose[:4] for c in problem.start_contacts])[None]
+    total = random.normal(size=(1, 6)) * 20.0
+    for each in (problem, other):
+        centre = centres_of_mass(each, body[:, :6], hands.reshape(1, 4, 4))[0]
+        after = dynamics.euler_step(*map(ca.DM, (body[0], total[0, :3], total[0, 3:], centre)), each)
+        found = functions.started_elsewhere(each).step(body, total, hands, np.zeros((1, 12)))[0]
+        np.testing.assert_allclose(found, np.array(after).T, rtol=1e-10, atol=1e-12)
