@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -48,10 +49,15 @@ class BodyGrid:
         yaw, roll, pitch, z, x, y = (axis[i] for axis, i in zip(self.axes, cell, strict=True))
         return np.array([x, y, z]), np.array([roll, pitch, yaw])
 
+    @cached_property
+    def _open_axes(self) -> tuple[Array, ...]:
+        """All axes as arrays that broadcast to a mask's shape; then cosine and sine of the yaws."""
+        yaw, *others = np.ix_(*self.axes)
+        return yaw, *others, np.cos(yaw), np.sin(yaw)
+
     def seen(self, gripper_w: Array) -> GripperPoses:
         """A gripper (4,) in W, x, y, z [m] and yaw, as the body has it at every cell."""
-        yaw, roll, pitch, z, x, y = np.ix_(*self.axes)
-        c, s = np.cos(yaw), np.sin(yaw)
+        yaw, roll, pitch, z, x, y, c, s = self._open_axes
         east, north = gripper_w[0] - x, gripper_w[1] - y
         return GripperPoses(
             c * east + s * north, c * north - s * east, gripper_w[2] - z, gripper_w[3] - yaw, roll, pitch

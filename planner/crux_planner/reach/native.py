@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from array import array
 from ctypes import POINTER, c_double, c_int64, c_uint8
 from functools import cache
 from typing import Any
@@ -147,19 +148,25 @@ def _bytes(values: Flags) -> Any:
 
 
 def _given(poses: GripperPoses, side: Sector) -> tuple[_Poses, tuple[int, ...], list[Array]]:
-    """As the compiled part has them, their shape of six axes, and the memory that is to be kept meanwhile."""
+    """As the compiled part has them, their shape of six axes, and the memory that is to be kept meanwhile. An array is
+    not copied along axes that it lacks: its stride there is 0.
+    """
     shape = poses.shape
-    x, y, z, yaw, roll, pitch = (np.asarray(each, dtype=float) for each in poses.arrays)
+    x, y, z, yaw, roll, pitch = poses.arrays
     turns = [turn for angle in (roll, pitch, yaw) for turn in (np.cos(angle), np.sin(angle))]
-    inputs = [x, y, z, *turns, *(np.asarray(each) for each in (side.cos_middle, side.sin_middle, side.cos_half))]
+    inputs = [x, y, z, *turns, side.cos_middle, side.sin_middle, side.cos_half]
+    kept = [np.asarray(each, dtype=float) for each in inputs]
+    if np.broadcast(*kept).shape != shape:
+        raise ValueError(f"sectors of joint 6 for poses {shape}: expected one each, or one for all")
     whole = (1,) * (AXES - len(shape)) + shape
-    given = _Poses()
-    given.shape[:] = whole
-    kept = [np.broadcast_to(each, whole) for each in inputs]  # views: an array is not copied along axes it lacks
-    for index, each in enumerate(kept):
-        given.values[index] = ctypes.cast(each.ctypes.data, POINTER(c_double))
-        given.strides[index][:] = [stride // each.itemsize for stride in each.strides]
-    return given, whole, kept
+    numbers = array("q", [each.__array_interface__["data"][0] for each in kept])
+    for each in kept:
+        numbers.extend((0,) * (AXES - each.ndim))
+        numbers.extend(
+            0 if size == 1 else step // each.itemsize for size, step in zip(each.shape, each.strides, strict=True)
+        )
+    numbers.extend(whole)
+    return _Poses.from_buffer(numbers), whole, kept
 
 
 def _sector(sector: Sector) -> _Sector:

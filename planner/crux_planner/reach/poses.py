@@ -46,12 +46,15 @@ class GripperPoses:
     @property
     def shape(self) -> tuple[int, ...]:
         """Of all arrays together."""
-        return np.broadcast_shapes(*(np.shape(each) for each in self.arrays))
+        return np.broadcast(*self.arrays).shape
 
     def where(self, index: Indices) -> GripperPoses:
         """The poses (n,) of this index (n,) into all of them, flattened."""
         shape = self.shape
-        return GripperPoses(*(np.broadcast_to(each, shape).reshape(-1)[index] for each in self.arrays))
+        at = np.unravel_index(index, shape)
+        return GripperPoses(
+            *(_at(np.asarray(each), at[len(shape) - np.ndim(each) :], len(index)) for each in self.arrays)
+        )
 
     def in_body(self) -> tuple[Array, Array]:
         """Places (..., 3) [m] and rotations (..., 3, 3) in the body frame."""
@@ -60,3 +63,11 @@ class GripperPoses:
         back = np.swapaxes(tilt, -1, -2)
         place = np.stack([x, y, z], axis=-1)
         return np.asarray((back @ place[..., None])[..., 0]), np.asarray(back @ rotation_z(yaw))
+
+
+def _at(values: Array, at: tuple[Indices, ...], count: int) -> Array:
+    """The values (count,) at places along each of their axes: the only one, where an axis has no other."""
+    along = [axis for axis, size in enumerate(values.shape) if size != 1]
+    if not along:
+        return np.full(count, values.reshape(()))
+    return np.asarray(values.squeeze()[tuple(at[axis] for axis in along)])

@@ -169,7 +169,9 @@ class StageFunctions:
         sizes = {"x": BODY_STATES, "w": _WRENCH, "hands": self.hand_numbers, "l": BODY_STATES, "turning": _TURNING}
         x, total, hands, multiplier, turning = arguments = [ca.SX.sym(*each) for each in sizes.items()]
         at, by_pose, pose = ca.SX.sym("c", 3), ca.SX.sym("slope", 3, POSE), ca.SX.sym("at", POSE)
-        p = replace(self.problem, inertia_b=ca.reshape(turning[:9], 3, 3), gravity_h=turning[9:])
+        inertia: Any = ca.reshape(turning[:9], 3, 3)
+        gravity: Any = turning[9:]
+        p = replace(self.problem, inertia_b=inertia, gravity_h=gravity)
         step = euler_step(x, total[0:3], total[3:6], at + by_pose @ (x[:POSE] - pose), p)
         slope = ca.gradient(ca.dot(multiplier, step), x)
         outputs = [step, ca.jacobian(step, x), ca.jacobian(step, total), ca.jacobian(slope, x)]
