@@ -1,5 +1,6 @@
 """What the checker says about a plan: violations, the tightest value of every constraint, margins and joint loads."""
 
+import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -141,7 +142,7 @@ class Findings:
     ) -> None:
         """Record one residual; its tolerance is its unit's where none is given. NaN counts as UNBOUNDED."""
         tolerance = tolerances.OF_UNIT.get(unit, 0.0) if tolerance is None else tolerance
-        value = UNBOUNDED if np.isnan(amount) else float(np.clip(amount, -UNBOUNDED, UNBOUNDED))
+        value = UNBOUNDED if math.isnan(amount) else min(max(float(amount), -UNBOUNDED), UNBOUNDED)
         name = None if limb is None else LIMB_NAMES[limb]
         when = None if time_s is None else float(time_s)
         entry = Violation(constraint, name, finger, when, value, unit, detail, joint)

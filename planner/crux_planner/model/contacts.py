@@ -165,12 +165,10 @@ def opening_for(
     leaning = half_m + beyond / np.cos(lean_rad) if lean_rad else 0.0
     smallest = max(half_m + clearance_m - shape.pad_radius, leaning, shape.smallest_opening)
     others = np.arange(len(cuboids.yaw_rad)) != hold
-    best = None
-    for opening in np.linspace(smallest, shape.largest_opening, 9):
-        swings = np.linspace(half_m, opening, 9) + shape.pad_radius
-        points = contact_centre + np.concatenate([swings, -swings])[:, None] * axis
-        if others.any() and cuboids.distance(points)[:, others].min() < clearance_m:
-            break
-        if best is None or abs(opening - shape.open_opening) < abs(best - shape.open_opening):
-            best = float(opening)
-    return best
+    openings = np.linspace(smallest, shape.largest_opening, 9)
+    if others.any():
+        swings = np.linspace(half_m, openings, 9, axis=-1) + shape.pad_radius  # (openings, ways there)
+        points = contact_centre + np.concatenate([swings, -swings], axis=1)[..., None] * axis
+        met = cuboids.distance(points)[..., others].min(axis=(1, 2)) < clearance_m
+        openings = openings[: int(np.argmax(met))] if met.any() else openings
+    return float(openings[np.argmin(np.abs(openings - shape.open_opening))]) if len(openings) else None

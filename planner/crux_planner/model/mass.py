@@ -1,6 +1,6 @@
 """Composite inertia and centre of mass of the whole robot: from its description, or from poses of body and grippers."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -175,16 +175,22 @@ def _parts(v: Any) -> Vector:
 
 def composite_inertia(robot: Robot, positions: dict[str, float]) -> Array:
     """(3, 3) about the centre of mass, in the body's axes, at joint positions by name (rad or m)."""
-    total = -_point_mass(robot.total_mass_kg, centre_of_mass(robot, positions))
-    for link, origin, rotation in _placed_links(robot, positions):
+    placed_links = list(_placed_links(robot, positions))
+    total = -_point_mass(robot.total_mass_kg, _mean_place(robot, placed_links))
+    for link, origin, rotation in placed_links:
         total += _about_origin(link, origin, rotation)
     return total
 
 
 def centre_of_mass(robot: Robot, positions: dict[str, float]) -> Array:
     """(3,) in the body frame, at joint positions by name (rad or m)."""
+    return _mean_place(robot, _placed_links(robot, positions))
+
+
+def _mean_place(robot: Robot, placed_links: Iterable[tuple[Link, Array, Array]]) -> Array:
+    """(3,) of the robot's mass, in the body frame."""
     moment = np.zeros(3)
-    for link, origin, rotation in _placed_links(robot, positions):
+    for link, origin, rotation in placed_links:
         moment += link.mass_kg * (origin + rotation @ np.array(link.com_m))
     return np.asarray(moment / robot.total_mass_kg)
 
