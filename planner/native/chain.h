@@ -1,9 +1,12 @@
-/* Inverse kinematics of a chain of revolute joints for many gripper poses: the numeric one of
- * crux_planner/model/chain.py with the same steps. SI units, body frame. */
+/* Inverse kinematics of a chain of revolute joints for many gripper poses, and what it reaches off joint limits and
+ * trunk: the numeric ones of crux_planner/model/chain.py and crux_planner/reach/chain_reach.py with the same steps. SI
+ * units, body frame. */
 #ifndef CRUX_PLANNER_CHAIN_H
 #define CRUX_PLANNER_CHAIN_H
 
 #include <stdint.h>
+
+#include "reach.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -21,11 +24,49 @@ typedef struct {
   int64_t slots, iterations;
 } crux_chain;
 
+/* Postures of upright grippers to start from, at nodes about a place: 2 half + 1 along x, y and z, and `turns` yaws. */
+typedef struct {
+  const double* angles_rad; /* x, y, z, yaw, slot; NaN where the branch has none near by */
+  double middle_m[3], step_m;
+  int64_t half, turns;
+} crux_chain_lattice;
+
+/* A limb with what it keeps off. Frames of capsules: the link behind that joint, from 0; the gripper's is -1. */
+typedef struct {
+  crux_chain chain;
+  crux_chain_lattice lattice;
+  const double *lower_rad, *upper_rad, *margin_rad, *rotations; /* slots; of the links at zero (slots x 9) */
+  double clear_m;
+  const crux_reach_box* trunk;
+  const crux_reach_capsule* links;
+  int64_t boxes, capsules, all_capsules; /* of `links`, the first `capsules` may meet the trunk */
+} crux_chain_limb;
+
 /* From angles (n, slots) to those of poses: places (n, 3), rotations (n, 9) row by row. Writes 1 for every pose that is
  * reached on the branch, else 0. */
 __attribute__((visibility("default"))) void crux_chain_inverse(const crux_chain* chain, int64_t poses,
                                                                const double* places_m, const double* rotations,
                                                                double* angles_rad, uint8_t* reached);
+
+/* The same from the lattice; where that has nothing to start from, the angles are those of the middle. */
+__attribute__((visibility("default"))) void crux_chain_found(const crux_chain* chain, const crux_chain_lattice* lattice,
+                                                             int64_t poses, const double* places_m,
+                                                             const double* rotations, double* angles_rad,
+                                                             uint8_t* reached);
+
+/* Inverse Jacobians (n, slots, 6) at angles (n, slots), damped by so much (n). */
+__attribute__((visibility("default"))) void crux_chain_back(const crux_chain* chain, int64_t postures,
+                                                            const double* angles_rad, const double* damping,
+                                                            double* back);
+
+/* Writes 1 for every pose that the limb reaches off its limits by the margin and off the trunk by the clearance, else
+ * 0, the last axis fastest. The poses have no sector of joint 6. */
+__attribute__((visibility("default"))) void crux_chain_reaches(const crux_chain_limb* limb,
+                                                               const crux_reach_poses* poses, uint8_t* reached);
+
+/* Writes the ends of all capsules, whether the pose is reached or not: pose by pose, capsule by capsule, x, y and z. */
+__attribute__((visibility("default"))) void crux_chain_links(const crux_chain_limb* limb, const crux_reach_poses* poses,
+                                                             double* starts, double* ends);
 
 #ifdef __cplusplus
 }

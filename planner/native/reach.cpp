@@ -6,12 +6,15 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "solids.hpp"
+#include "vector.hpp"
+
+namespace crux {
 namespace {
 
 constexpr std::size_t kBlock = 64;
 constexpr std::size_t kFrames = 6;
 
-using Vector = std::array<double, 3>;
 using Column = std::array<double, kBlock>;
 
 enum Input { X, Y, Z, CosRoll, SinRoll, CosPitch, SinPitch, CosYaw, SinYaw, SideCos, SideSin, SideHalf };
@@ -26,16 +29,6 @@ struct Block {
 struct Frame {
   Vector origin, x, y, z;
 };
-
-Vector operator+(const Vector& a, const Vector& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
-Vector operator-(const Vector& a, const Vector& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Vector operator*(double s, const Vector& a) { return {s * a[0], s * a[1], s * a[2]}; }
-
-Vector cross(const Vector& a, const Vector& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-
-Vector vector(const double* v) { return {v[0], v[1], v[2]}; }
 
 /// Not negative where the vector (x, y) of this length is in the sector: a difference has the sign of the comparison.
 double inside(const crux_reach_sector& sector, double x, double y, double length) {
@@ -134,68 +127,6 @@ Vector placed(const Frame& frame, const double* point) {
   return frame.origin + (point[0] * frame.x + (point[1] * frame.y + point[2] * frame.z));
 }
 
-Vector in_axes(const crux_reach_box& box, const Vector& point) {
-  const Vector off = point - vector(box.centre_m);
-  Vector seen{};
-  for (std::size_t a = 0; a < 3; ++a) {
-    seen[a] = off[0] * box.rotation[a] + off[1] * box.rotation[3 + a] + off[2] * box.rotation[6 + a];
-  }
-  return seen;
-}
-
-/// How a point's distance to the box |x| <= half changes along a way, times that distance.
-double slope(const Vector& point, const Vector& way, const double* half) {
-  double sum = 0.0;
-  for (std::size_t a = 0; a < 3; ++a) {
-    sum += (point[a] - std::clamp(point[a], -half[a], half[a])) * way[a];
-  }
-  return sum;
-}
-
-/// Square of the distance of a segment to the box |x| <= half: the slope along it is linear between the places where it
-/// crosses planes of faces.
-double squared_distance(const Vector& start, const Vector& way, const double* half) {
-  std::array<double, 8> places{0.0, 1.0};
-  std::size_t count = 2;
-  for (std::size_t a = 0; a < 3; ++a) {
-    for (const double face : {-half[a], half[a]}) {
-      const double at = way[a] == 0.0 ? 0.0 : (face - start[a]) / way[a];
-      if (at > 0.0 && at < 1.0) {  // in order: the first place is below all of them
-        std::size_t k = count++;
-        for (; k > 1 && places[k - 1] > at; --k) {
-          places[k] = places[k - 1];
-        }
-        places[k] = at;
-      }
-    }
-  }
-  double best = 0.0;
-  double before = slope(start, way, half);
-  for (std::size_t k = 1; k < count && before < 0.0; ++k) {
-    const double after = slope(start + places[k] * way, way, half);
-    best = after <= 0.0 ? places[k] : places[k - 1] + before / (before - after) * (places[k] - places[k - 1]);
-    before = after;
-  }
-  const Vector nearest = start + best * way;
-  double squared = 0.0;
-  for (std::size_t a = 0; a < 3; ++a) {
-    const double off = nearest[a] - std::clamp(nearest[a], -half[a], half[a]);
-    squared += off * off;
-  }
-  return squared;
-}
-
-bool keeps_off(const crux_reach_box& box, const Vector& first, const Vector& last, double by_m) {
-  const Vector start = in_axes(box, first);
-  const Vector end = in_axes(box, last);
-  for (std::size_t a = 0; a < 3; ++a) {  // one face alone shows it, mostly
-    if (std::max(std::min(start[a], end[a]), -std::max(start[a], end[a])) - box.half_m[a] >= by_m) {
-      return true;
-    }
-  }
-  return squared_distance(start, end - start, box.half_m) >= by_m * by_m;
-}
-
 bool off_trunk(const crux_reach_arm& arm, const Block& block, std::size_t i) {
   const std::array<Frame, kFrames> at = frames(arm, block, i);
   for (std::int64_t k = 0; k < arm.capsules; ++k) {
@@ -211,8 +142,6 @@ bool off_trunk(const crux_reach_arm& arm, const Block& block, std::size_t i) {
   }
   return true;
 }
-
-double dot(const Vector& a, const Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 /// 0 where the whole is none: parallel segments, or points.
 double ratio(double part, double whole) { return whole > 1e-15 ? std::clamp(part / whole, 0.0, 1.0) : 0.0; }
@@ -299,26 +228,27 @@ void for_blocks(const crux_reach_arm& arm, const crux_reach_poses& poses, const 
 }
 
 }  // namespace
+}  // namespace crux
 
 void crux_reach(const crux_reach_arm* arm, const crux_reach_poses* poses, uint8_t* reached) {
-  for_blocks(*arm, *poses, [&](const Block& block, std::size_t count, std::int64_t first) {
+  crux::for_blocks(*arm, *poses, [&](const crux::Block& block, std::size_t count, std::int64_t first) {
     for (std::size_t i = 0; i < count; ++i) {
-      const bool ok = block.slack[i] >= 0.0 && (arm->boxes == 0 || off_trunk(*arm, block, i));
+      const bool ok = block.slack[i] >= 0.0 && (arm->boxes == 0 || crux::off_trunk(*arm, block, i));
       reached[first + static_cast<std::int64_t>(i)] = ok ? 1 : 0;
     }
   });
 }
 
 void crux_reach_links(const crux_reach_arm* arm, const crux_reach_poses* poses, double* starts, double* ends) {
-  for_blocks(*arm, *poses, [&](const Block& block, std::size_t count, std::int64_t first) {
+  crux::for_blocks(*arm, *poses, [&](const crux::Block& block, std::size_t count, std::int64_t first) {
     for (std::size_t i = 0; i < count; ++i) {
-      const std::array<Frame, kFrames> at = frames(*arm, block, i);
+      const std::array<crux::Frame, crux::kFrames> at = crux::frames(*arm, block, i);
       std::int64_t to = 3 * arm->all_capsules * (first + static_cast<std::int64_t>(i));
       for (std::int64_t k = 0; k < arm->all_capsules; ++k, to += 3) {
         const crux_reach_capsule& capsule = arm->links[k];
-        const Frame& frame = at[static_cast<std::size_t>(capsule.frame)];
-        const Vector start = placed(frame, capsule.start_m);
-        const Vector end = placed(frame, capsule.end_m);
+        const crux::Frame& frame = at[static_cast<std::size_t>(capsule.frame)];
+        const crux::Vector start = crux::placed(frame, capsule.start_m);
+        const crux::Vector end = crux::placed(frame, capsule.end_m);
         std::copy(start.begin(), start.end(), starts + to);
         std::copy(end.begin(), end.end(), ends + to);
       }
@@ -329,6 +259,6 @@ void crux_reach_links(const crux_reach_arm* arm, const crux_reach_poses* poses, 
 void crux_reach_apart(const crux_reach_capsules* one, const crux_reach_capsules* two, int64_t poses, double clear_m,
                       int64_t hands, uint8_t* apart) {
   for (std::int64_t pose = 0; pose < poses; ++pose) {
-    apart[pose] = pose_apart(*one, *two, pose, clear_m, hands != 0) ? 1 : 0;
+    apart[pose] = crux::pose_apart(*one, *two, pose, clear_m, hands != 0) ? 1 : 0;
   }
 }

@@ -192,14 +192,23 @@ class ChainInverse:
     def inverse(self, position_b_m: Array, rotation_b: Array) -> tuple[Array, Flags]:
         """Angles (..., S) of poses (..., 3), (..., 3, 3), and whether they are reached on the branch (...)."""
         shape = np.broadcast_shapes(position_b_m.shape[:-1], rotation_b.shape[:-2])
-        place = np.broadcast_to(position_b_m, (*shape, 3)).reshape(-1, 3).T
-        turn = np.broadcast_to(rotation_b, (*shape, 3, 3)).reshape(-1, 3, 3).transpose(1, 2, 0)
+        places = np.broadcast_to(position_b_m, (*shape, 3)).reshape(-1, 3)
+        turns = np.broadcast_to(rotation_b, (*shape, 3, 3)).reshape(-1, 3, 3)
+        compiled = chain_native.library()
+        if compiled is None:
+            q, reached = self._from_lattice(places.T, turns.transpose(1, 2, 0))
+        else:
+            q, reached = chain_native.found(compiled, self.compiled, self.compiled_lattice, places, turns)
+        return q.reshape(*shape, len(self.middle_rad)), reached.reshape(shape)
+
+    def _from_lattice(self, place: Array, turn: Array) -> tuple[Array, Flags]:
+        """Of poses (3, n), (3, 3, n)."""
         start = self._lattice[tuple(self._nearest(place, turn).T)]
         known = ~np.isnan(start[:, 0])
         q = np.tile(self.middle_rad, (place.shape[1], 1))
         reached = np.zeros(len(q), dtype=bool)
         q[known], reached[known] = self.from_near(start[known], place[:, known], turn[..., known])
-        return q.reshape(*shape, len(self.middle_rad)), reached.reshape(shape)
+        return q, reached
 
     def from_near(self, start: Array, place: Array, turn: Array) -> tuple[Array, Flags]:
         """Angles (n, S) of poses (3, n), (3, 3, n) from those of poses near by, and whether they are reached on the
@@ -208,20 +217,30 @@ class ChainInverse:
         compiled = chain_native.library()
         if compiled is None:
             return self._solved(start, place, turn)
-        return chain_native.inverse(compiled, self._compiled, start, place.T, turn.transpose(2, 0, 1))
+        return chain_native.inverse(compiled, self.compiled, start, place.T, turn.transpose(2, 0, 1))
 
     @cached_property
-    def _compiled(self) -> chain_native.Chain:
+    def compiled(self) -> chain_native.Chain:
+        """As the compiled part has the limb."""
         numbers = CLOSE, LEAST_DAMPING, LARGEST_STEP_RAD, ITERATIONS
         return chain_native.chain(self.limb.at_zero, self._rule, self.middle_rad, self.sign, numbers)
 
+    @cached_property
+    def compiled_lattice(self) -> chain_native.Lattice:
+        """As the compiled part has the lattice."""
+        return chain_native.lattice(self._lattice, self._origin_m, STEP_M)
+
     def seeds(self, q_rad: Array, reached: Flags) -> Array:
         """(n, 7 S) what smooth kinematics near solutions (n, S) start from: the angles and the inverse Jacobians."""
-        jacobian = self._jacobian(q_rad)
-        damping = np.where(reached, _DAMPING, _DAMPED)[:, None, None] * np.eye(q_rad.shape[1])
-        back = np.swapaxes(jacobian, 1, 2)
-        inverse = (back @ np.linalg.inv(jacobian @ back + damping))[..., :POSE]
-        return np.concatenate([q_rad, inverse.reshape(len(q_rad), POSE * q_rad.shape[1])], axis=1)
+        damping, compiled = np.where(reached, _DAMPING, _DAMPED), chain_native.library()
+        if compiled is None:
+            jacobian = self._jacobian(q_rad)
+            across = np.swapaxes(jacobian, 1, 2)
+            normal = jacobian @ across + damping[:, None, None] * np.eye(q_rad.shape[1])
+            back = (across @ np.linalg.inv(normal))[..., :POSE]
+        else:
+            back = chain_native.back(compiled, self.compiled, q_rad, damping)
+        return np.concatenate([q_rad, back.reshape(len(q_rad), POSE * q_rad.shape[1])], axis=1)
 
     def _solved(self, start: Array, place: Array, turn: Array, *, damped: bool = False) -> tuple[Array, Flags]:
         """Angles (n, S), and whether they have the pose and are on the branch."""

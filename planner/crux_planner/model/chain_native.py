@@ -11,7 +11,7 @@ import numpy as np
 from crux_contracts.robot_types import AtZero
 
 from crux_planner.model.arrays import Array, Flags
-from crux_planner.model.native import doubles, shared_library
+from crux_planner.model.native import doubles, flags, shared_library
 
 NAME = "libcrux_chain.so"
 
@@ -29,14 +29,29 @@ class Chain(ctypes.Structure):
     ]
 
 
+class Lattice(ctypes.Structure):
+    """crux_chain_lattice: it keeps its array alive."""
+
+    _fields_ = [
+        ("angles_rad", POINTER(c_double)),
+        ("middle_m", c_double * 3),
+        ("step_m", c_double),
+        *((name, c_int64) for name in ("half", "turns")),
+    ]
+
+
 @cache
 def library() -> ctypes.CDLL | None:
     """None where it has not been built: numpy gives the same answers."""
     loaded = shared_library(NAME)
     if loaded is not None:
         loaded.crux_chain_inverse.restype = None
-        three = [POINTER(c_double)] * 3
-        loaded.crux_chain_inverse.argtypes = [POINTER(Chain), c_int64, *three, POINTER(c_uint8)]
+        three = (POINTER(c_double),) * 3
+        poses = (c_int64, *three, POINTER(c_uint8))
+        loaded.crux_chain_inverse.argtypes = [POINTER(Chain), *poses]
+        loaded.crux_chain_found.restype = loaded.crux_chain_back.restype = None
+        loaded.crux_chain_found.argtypes = [POINTER(Chain), POINTER(Lattice), *poses]
+        loaded.crux_chain_back.argtypes = [POINTER(Chain), c_int64, *three]
     return loaded
 
 
@@ -51,10 +66,33 @@ def chain(zero: AtZero, rule: Array, middle_rad: Array, sign: float, numbers: tu
     return made
 
 
+def lattice(angles_rad: Array, middle_m: Array, step_m: float) -> Lattice:
+    """Postures (side, side, side, turns, S) about a place (3,)."""
+    kept = np.ascontiguousarray(angles_rad, dtype=float)
+    made = Lattice(doubles(kept), (c_double * 3)(*middle_m), step_m, kept.shape[0] // 2, kept.shape[3])
+    made.kept = kept
+    return made
+
+
 def inverse(compiled: Any, limb: Chain, start: Array, places: Array, turns: Array) -> tuple[Array, Flags]:
     """Angles (n, S), and whether they have the poses (n, 3), (n, 3, 3) and are on the branch."""
     q, place, turn = (np.array(each, dtype=float, order="C") for each in (start, places, turns))
     reached = np.empty(len(q), dtype=np.bool_)
-    at = reached.ctypes.data_as(POINTER(c_uint8))
-    compiled.crux_chain_inverse(limb, len(q), doubles(place), doubles(turn), doubles(q), at)
+    compiled.crux_chain_inverse(limb, len(q), doubles(place), doubles(turn), doubles(q), flags(reached))
     return q, reached
+
+
+def found(compiled: Any, limb: Chain, near: Lattice, places: Array, turns: Array) -> tuple[Array, Flags]:
+    """The same from a lattice of postures."""
+    place, turn = (np.ascontiguousarray(each, dtype=float) for each in (places, turns))
+    q, reached = np.zeros((len(place), limb.slots)), np.empty(len(place), dtype=np.bool_)
+    compiled.crux_chain_found(limb, near, len(q), doubles(place), doubles(turn), doubles(q), flags(reached))
+    return q, reached
+
+
+def back(compiled: Any, limb: Chain, q_rad: Array, damping: Array) -> Array:
+    """Inverse Jacobians (n, S, 6) at angles (n, S), damped by so much (n,)."""
+    q, by = (np.ascontiguousarray(each, dtype=float) for each in (q_rad, damping))
+    made = np.empty((*q.shape, 6))
+    compiled.crux_chain_back(limb, len(q), doubles(q), doubles(by), doubles(made))
+    return made

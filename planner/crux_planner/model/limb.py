@@ -39,9 +39,9 @@ class LimbMasses:
         """
         if self.limb.closed_form:
             return self.numbers
-        place, x, z = (np.stack(np.broadcast_arrays(*v), axis=-1).astype(float) for v in (gripper, along, up))
-        place, x, z = np.broadcast_arrays(place, x, z)
-        rotation = np.stack([x, np.cross(z, x), z], axis=-1)
+        parts = np.array(np.broadcast_arrays(*gripper, *along, *cross(up, along), *up), dtype=float)
+        place = np.moveaxis(parts[:3], 0, -1)
+        rotation = np.moveaxis(parts[3:].reshape(3, 3, *parts.shape[1:]), (0, 1), (-1, -2))
         inverse = chain_inverse(self.limb)
         q, reached = inverse.inverse(place, rotation)
         seeds = inverse.seeds(q.reshape(-1, q.shape[-1]), reached.reshape(-1))

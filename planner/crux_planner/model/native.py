@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-from ctypes import POINTER, c_double, c_int64
+from ctypes import POINTER, c_double, c_int64, c_uint8
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.arrays import Array, Flags, Indices
 
 _PACKAGES = Path(__file__).resolve().parents[2]
 _FOLDERS = (
@@ -37,3 +37,9 @@ def integers(values: Indices) -> Any:
     assert values.dtype == np.int64
     assert values.flags.c_contiguous
     return ctypes.cast(values.ctypes.data, POINTER(c_int64))
+
+
+def flags(values: Flags) -> Any:
+    """A pointer to a contiguous array of flags, which has to be kept."""
+    assert values.flags.c_contiguous
+    return ctypes.cast(values.ctypes.data, POINTER(c_uint8))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from crux_contracts.robot import Limb
@@ -10,12 +11,9 @@ from crux_contracts.robot import Limb
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.chain import chain_inverse, forward
 from crux_planner.model.kinematics import limit_margin
-from crux_planner.reach import solids
+from crux_planner.reach import chain_native, solids
 from crux_planner.reach.poses import GripperPoses
-from crux_planner.reach.solids import FOREARM, HAND, NOTHING, ROLLED, SHOULDER, SIXTH, TILTED, UPPER, Links, Solids
-
-LINK_OF = {SHOULDER: 0, UPPER: 1, FOREARM: 2, ROLLED: 3, TILTED: 4, SIXTH: 5}
-"""Numbers of the links in whose frames capsules are."""
+from crux_planner.reach.solids import HAND, LINK_OF, NOTHING, Links, Solids
 
 
 @dataclass(frozen=True)
@@ -27,8 +25,20 @@ class ChainReach:
     clear_m: float
     keep_off: Solids = NOTHING
 
+    @cached_property
+    def _native(self) -> chain_native.ChainLimb:
+        inverse = chain_inverse(self.limb)
+        return chain_native.chain_limb(self.limb, inverse, self.margin_rad, self.keep_off, self.clear_m)
+
     def reaches(self, poses: GripperPoses) -> Flags:
-        """Inner map: see `Reach`."""
+        """Inner map: see `Reach`. By numpy where the compiled one is missing."""
+        compiled = chain_native.library()
+        if compiled is None:
+            return self.reaches_by_numpy(poses)
+        return chain_native.reaches(compiled, self._native, poses)
+
+    def reaches_by_numpy(self, poses: GripperPoses) -> Flags:
+        """The same."""
         shape = poses.shape
         every = poses.where(np.arange(int(np.prod(shape))))
         q, reached = chain_inverse(self.limb).inverse(*every.in_body())
@@ -46,7 +56,15 @@ class ChainReach:
         return np.zeros(np.broadcast_shapes(low.shape, high.shape), dtype=bool)
 
     def links(self, poses: GripperPoses) -> Links:
-        """See `Reach`; the first link comes last."""
+        """See `Reach`; the first link comes last. By numpy where the compiled ones are missing."""
+        compiled = chain_native.library()
+        if compiled is None:
+            return self.links_by_numpy(poses)
+        capsules = (*self.keep_off.links, *self.keep_off.first)
+        return Links(*chain_native.links(compiled, self._native, poses), *solids.radii_and_hands(capsules))
+
+    def links_by_numpy(self, poses: GripperPoses) -> Links:
+        """The same."""
         return self._links(self.angles(poses), poses)
 
     def _links(self, q_rad: Array, poses: GripperPoses) -> Links:

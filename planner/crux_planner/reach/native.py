@@ -12,14 +12,14 @@ import numpy as np
 from crux_contracts.robot import Limb
 
 from crux_planner.model.arrays import Array, Flags
-from crux_planner.model.native import doubles, shared_library
+from crux_planner.model.native import doubles, flags, shared_library
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.sector import Sector
 from crux_planner.reach.solids import Links, Solids
 
 NAME = "libcrux_reach.so"
 AXES = 6  # of poses
-_ANY_SIDE = Sector(0.0, 0.0, 0.0)  # where it is of no interest
+ANY_SIDE = Sector(0.0, 0.0, 0.0)  # where it is of no interest
 
 
 class _Sector(ctypes.Structure):
@@ -28,13 +28,13 @@ class _Sector(ctypes.Structure):
     _fields_ = [(name, c_double) for name in ("cos_middle", "sin_middle", "cos_half")]
 
 
-class _Box(ctypes.Structure):
+class Box(ctypes.Structure):
     """crux_reach_box."""
 
     _fields_ = [("centre_m", c_double * 3), ("rotation", c_double * 9), ("half_m", c_double * 3)]
 
 
-class _Capsule(ctypes.Structure):
+class Capsule(ctypes.Structure):
     """crux_reach_capsule."""
 
     _fields_ = [("start_m", c_double * 3), ("end_m", c_double * 3), ("radius_m", c_double), ("frame", c_int64)]
@@ -49,8 +49,8 @@ class Arm(ctypes.Structure):
         *((name, c_double * 2) for name in ("cos_elbow", "sin_roll")),
         *((name, _Sector) for name in ("azimuth", "upper", "pitch")),
         ("clear_m", c_double),
-        ("trunk", POINTER(_Box)),
-        ("links", POINTER(_Capsule)),
+        ("trunk", POINTER(Box)),
+        ("links", POINTER(Capsule)),
         *((name, c_int64) for name in ("boxes", "capsules", "all_capsules")),
     ]
 
@@ -65,7 +65,7 @@ class _Capsules(ctypes.Structure):
     ]
 
 
-class _Poses(ctypes.Structure):
+class Poses(ctypes.Structure):
     """crux_reach_poses."""
 
     _fields_ = [("values", POINTER(c_double) * 12), ("strides", (c_int64 * AXES) * 12), ("shape", c_int64 * AXES)]
@@ -77,9 +77,9 @@ def library() -> ctypes.CDLL | None:
     loaded = shared_library(NAME)
     if loaded is not None:
         loaded.crux_reach.restype = None
-        loaded.crux_reach.argtypes = [POINTER(Arm), POINTER(_Poses), POINTER(c_uint8)]
+        loaded.crux_reach.argtypes = [POINTER(Arm), POINTER(Poses), POINTER(c_uint8)]
         loaded.crux_reach_links.restype = None
-        loaded.crux_reach_links.argtypes = [POINTER(Arm), POINTER(_Poses), POINTER(c_double), POINTER(c_double)]
+        loaded.crux_reach_links.argtypes = [POINTER(Arm), POINTER(Poses), POINTER(c_double), POINTER(c_double)]
         loaded.crux_reach_apart.restype = None
         two = [POINTER(_Capsules), POINTER(_Capsules)]
         loaded.crux_reach_apart.argtypes = [*two, c_int64, c_double, c_int64, POINTER(c_uint8)]
@@ -96,17 +96,17 @@ def arm(
     clear_m: float,
 ) -> Arm:
     """A limb with least and most of two joints and the sectors of azimuth, joint 2 and joint 4."""
-    boxes = [_Box(_numbers(b.centre_m), _numbers(b.rotation), _numbers(b.half_m)) for b in keep_off.trunk]
+    boxes = [Box(numbers(b.centre_m), numbers(b.rotation), numbers(b.half_m)) for b in keep_off.trunk]
     shapes = (*keep_off.links, *keep_off.first)
-    capsules = [_Capsule(_numbers(c.start_m), _numbers(c.end_m), c.radius_m, c.frame) for c in shapes]
+    capsules = [Capsule(numbers(c.start_m), numbers(c.end_m), c.radius_m, c.frame) for c in shapes]
     return Arm(
-        _numbers(limb.shoulder_b_m),
+        numbers(limb.shoulder_b_m),
         *(limb.upper_link_m, limb.lower_link_m, limb.wrist_to_gripper_m, least_radius_m),
-        *(_numbers(np.array(each)) for each in (cos_elbow, sin_roll)),
+        *(numbers(np.array(each)) for each in (cos_elbow, sin_roll)),
         *(_sector(each) for each in sectors),
         clear_m,
-        (_Box * len(boxes))(*boxes),
-        (_Capsule * len(capsules))(*capsules),
+        (Box * len(boxes))(*boxes),
+        (Capsule * len(capsules))(*capsules),
         len(boxes),
         len(keep_off.links),
         len(capsules),
@@ -115,17 +115,17 @@ def arm(
 
 def reaches(compiled: ctypes.CDLL, limb: Arm, poses: GripperPoses, side: Sector) -> Flags:
     """Which poses, of up to six axes, are reached; `side` is the sector of joint 6 for their yaws."""
-    given, whole, _kept = _given(poses, side)
+    seen, whole, _kept = given(poses, side)
     found = np.empty(whole, dtype=np.bool_)
-    compiled.crux_reach(limb, given, _bytes(found))
+    compiled.crux_reach(limb, seen, flags(found))
     return found.reshape(poses.shape)
 
 
 def links(compiled: ctypes.CDLL, limb: Arm, poses: GripperPoses) -> tuple[Array, Array]:
     """Both ends (..., P, 3) of all capsules at poses of up to six axes, in the body frame."""
-    given, whole, _kept = _given(poses, _ANY_SIDE)
+    seen, whole, _kept = given(poses, ANY_SIDE)
     start, end = (np.empty((*whole, limb.all_capsules, 3)) for _ in range(2))
-    compiled.crux_reach_links(limb, given, doubles(start), doubles(end))
+    compiled.crux_reach_links(limb, seen, doubles(start), doubles(end))
     shape = *poses.shape, limb.all_capsules, 3
     return start.reshape(shape), end.reshape(shape)
 
@@ -136,18 +136,13 @@ def apart(compiled: ctypes.CDLL, first: Links, second: Links, clear_m: float, ha
     for each in (first, second):
         parts = [np.ascontiguousarray(part) for part in (each.start_m, each.end_m, each.radius_m)]
         hand = np.ascontiguousarray(each.hand, dtype=np.bool_)
-        limbs.append((parts, hand, _Capsules(*map(doubles, parts), _bytes(hand), len(hand))))
+        limbs.append((parts, hand, _Capsules(*map(doubles, parts), flags(hand), len(hand))))
     found = np.empty(len(first.start_m), dtype=np.bool_)
-    compiled.crux_reach_apart(limbs[0][2], limbs[1][2], len(found), clear_m, hands, _bytes(found))
+    compiled.crux_reach_apart(limbs[0][2], limbs[1][2], len(found), clear_m, hands, flags(found))
     return found
 
 
-def _bytes(values: Flags) -> Any:
-    """A pointer to a contiguous array of flags, which has to be kept."""
-    return values.ctypes.data_as(POINTER(c_uint8))
-
-
-def _given(poses: GripperPoses, side: Sector) -> tuple[_Poses, tuple[int, ...], list[Array]]:
+def given(poses: GripperPoses, side: Sector) -> tuple[Poses, tuple[int, ...], list[Array]]:
     """As the compiled part has them, their shape of six axes, and the memory that is to be kept meanwhile. An array is
     not copied along axes that it lacks: its stride there is 0.
     """
@@ -166,13 +161,13 @@ def _given(poses: GripperPoses, side: Sector) -> tuple[_Poses, tuple[int, ...], 
             0 if size == 1 else step // each.itemsize for size, step in zip(each.shape, each.strides, strict=True)
         )
     numbers.extend(whole)
-    return _Poses.from_buffer(numbers), whole, kept
+    return Poses.from_buffer(numbers), whole, kept
 
 
 def _sector(sector: Sector) -> _Sector:
     return _Sector(*(float(each) for each in (sector.cos_middle, sector.sin_middle, sector.cos_half)))
 
 
-def _numbers(values: Array) -> Any:
+def numbers(values: Array) -> Any:
     flat = np.asarray(values, dtype=float).reshape(-1)
     return (c_double * len(flat))(*flat)

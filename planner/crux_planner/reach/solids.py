@@ -21,6 +21,9 @@ UPPER, FOREARM, ROLLED, TILTED, HAND, SHOULDER, SIXTH = range(7)
 """Frames of capsules: links 2, 3, 4 and 5 as in the URDF; the gripper's, for all behind the last joint; link 1; and
 link 6 of a limb of seven joints."""
 
+LINK_OF = {SHOULDER: 0, UPPER: 1, FOREARM: 2, ROLLED: 3, TILTED: 4, SIXTH: 5}
+"""Numbers of the links in whose frames capsules are."""
+
 
 @dataclass(frozen=True)
 class Capsule:

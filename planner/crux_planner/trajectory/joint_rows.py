@@ -25,9 +25,8 @@ from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import body_bounds
 from crux_planner.physics.dynamics import rotation
 from crux_planner.reach.arm import cos_elbow_at, wrist_m
-from crux_planner.reach.chain_reach import LINK_OF
 from crux_planner.reach.protocol import Reach
-from crux_planner.reach.solids import HAND
+from crux_planner.reach.solids import HAND, LINK_OF
 from crux_planner.solvers.mapped import Mapped
 from crux_planner.trajectory.joint_limits import JointLimits
 from crux_planner.trajectory.link_planes import OFF_M, Ends, Planes, farthest_clear, planes_about, unpacked

@@ -18,6 +18,10 @@ from crux_planner.model.chain import chain_inverse, forward
 from crux_planner.model.kinematics import limit_margin
 from crux_planner.pipeline.explanation import check_start
 from crux_planner.pipeline.first_wall import FirstWall
+from crux_planner.reach import chain_native as reach_native
+from crux_planner.reach.arm import reaches_of
+from crux_planner.reach.chain_reach import ChainReach
+from crux_planner.reach.poses import GripperPoses
 from crux_planner.search.equilibrium import StaticEquilibrium
 from other_counts import with_joints
 
@@ -64,6 +68,32 @@ def test_the_compiled_part_finds_what_numpy_finds(robot: Robot, monkeypatch: pyt
         assert (reached == exists).mean() > 0.999  # the error of the last step is about what counts as none
         both = reached & exists
         np.testing.assert_allclose(found[both], expected[both], atol=1e-7)
+
+
+def test_the_compiled_reach_is_numpys(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Maps, links whether reached or not, and inverse Jacobians."""
+    assert reach_native.library() is not None
+    for reach in reaches_of(robot)[1:3]:
+        assert isinstance(reach, ChainReach)
+        limb, random = reach.limb, np.random.default_rng(6)
+        off = np.array([0.23, 0.1, -0.16]) * [*np.sign(limb.shoulder_b_m[:2]), 1.0]
+        place = limb.shoulder_b_m + off + random.uniform(-1.0, 1.0, (4000, 3)) * [0.12, 0.12, 0.03]
+        if limb.still:  # straight ahead alone, or nothing is reached
+            place[:, 1] = limb.shoulder_b_m[1]
+        turns = random.uniform(-1.0, 1.0, (3, len(place))) * np.array([[0.3], [0.05], [0.05]]) * (not limb.still)
+        poses = GripperPoses(*place.T, *turns)
+        found, expected = reach.reaches(poses), reach.reaches_by_numpy(poses)
+        assert 0.02 < expected.mean() < 0.98
+        np.testing.assert_array_equal(found, expected)
+        q, reached = chain_inverse(limb).inverse(*poses.in_body())
+        seeds = chain_inverse(limb).seeds(q, reached)
+        near = poses.where(np.flatnonzero(reached))
+        one, other = reach.links(near), reach.links_by_numpy(near)
+        for ends, wanted in ((one.start_m, other.start_m), (one.end_m, other.end_m)):
+            np.testing.assert_allclose(ends, wanted, atol=1e-7)
+        monkeypatch.setattr(chain_native, "library", lambda: None)
+        np.testing.assert_allclose(seeds, chain_inverse(limb).seeds(q, reached), rtol=1e-6, atol=1e-6)
+        monkeypatch.undo()
 
 
 def test_a_turn_that_no_joint_makes_is_no_reach(tmp_path: Path) -> None:
