@@ -71,6 +71,7 @@ Reason ControlCore::change_plan_ahead(std::unique_ptr<const PreparedPlan>& plan)
     const LimbReference before = limb;
     limb.gripper_position_W_m = now.limbs[l].gripper_position_W_m;
     limb.gripper_yaw_W_rad = now.limbs[l].gripper_yaw_W_rad;
+    limb.gripper_tilt_W_rad = now.limbs[l].gripper_tilt_W_rad;
     limbs_[l].regrip(before, limb);
   }
   return {};

@@ -49,6 +49,7 @@ void ControlCore::write_reference(CycleResult& out) const noexcept {
     to.load = from.load;
     copy(from.gripper_position_W_m, to.gripper_position_w_m);
     to.gripper_yaw_w_rad = from.gripper_yaw_W_rad;
+    std::copy_n(from.gripper_tilt_W_rad.data(), 2, to.gripper_tilt_w_rad);
     to.finger_opening_m = from.gripping() ? limbs_[l].grip_opening_m(from) : from.finger_opening_m;
     copy(from.wrench_W.force_N, to.force_w_n);
     copy(from.wrench_W.moment_Nm, to.moment_w_nm);

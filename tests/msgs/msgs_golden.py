@@ -218,6 +218,16 @@ def moving_fingers() -> dict[str, Any]:
     return own_times(plan_t.FORMAT_MOVING_FINGERS)
 
 
+def tilted() -> dict[str, Any]:
+    """The same for holds that are turned out of the wall's plane, each otherwise."""
+    plan = sample_plan()
+    for knot in plan.knots:
+        for limb, grip in enumerate(knot.limbs):
+            x, y, z = grip.gripper_position_w_m
+            grip.gripper_tilt_w_rad = [0.1 * limb - 0.15 + 2.0 * (z - 0.035), 4.0 * x - 0.3 * y]
+    return interpolation(plan)
+
+
 def interpolation(plan: plan_t | None = None) -> dict[str, Any]:
     """A plan, LCM-encoded, and what it asks for at points (interval k, share u); limbs LF, RF, LR, RR."""
     plan = plan or sample_plan()
@@ -235,6 +245,7 @@ def interpolation(plan: plan_t | None = None) -> dict[str, Any]:
                     {
                         "gripper_position_w_m": _rounded(gripper.position_w_m),
                         "gripper_yaw_w_rad": _rounded(gripper.yaw_w_rad),
+                        "gripper_tilt_w_rad": _rounded(gripper.tilt_w_rad),
                         "finger_opening_m": _rounded(gripper.opening_m),
                         "wrench_w": _rounded(reference.wrench(limb, k, u)),
                         "load": _rounded(reference.load(limb, k, u)),
@@ -265,6 +276,7 @@ VECTORS: dict[str, Callable[[], Any]] = {
     "own_times.json": own_times,
     "moving_fingers.json": moving_fingers,
     "walking.json": walking,
+    "tilted.json": tilted,
 }
 
 

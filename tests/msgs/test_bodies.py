@@ -72,14 +72,44 @@ def test_faces_lean_and_gravity_points_anywhere() -> None:
     assert read.holds[1].lean_rad == pytest.approx(tuple(map(math.radians, (30, 0, 0, 15))))
 
 
+def test_bodies_are_turned_out_of_the_walls_plane() -> None:
+    wall = second()
+    wall["obstacles"][0]["pose"] = {"position_m": [0.6, 0.1, 0.03], "rpy_deg": [80, -100, 20]}
+    wall["holds"][2]["pose"] = {"position_m": [-0.14, 0.36, 0.02], "rpy_deg": [10, -20, 5]}
+    read = parse_scenario(wall)
+    assert read.obstacles[0].tilt_rad == pytest.approx((math.radians(80), math.radians(-100)))
+    assert [hold.turned for hold in read.holds] == [False, False, True, False]
+    assert read.holds[2].foot_z_m == 0.02
+    assert read.tilts
+    assert read.not_upright == "LR is turned out of the wall's plane"
+
+
+def test_what_stands_on_a_turned_face_is_not_in_it() -> None:
+    """A hold on the face of a volume that is turned by 30 degrees, at places rounded as files have them."""
+    wall, turn = second(), math.radians(30)
+    wall["obstacles"][0] = {
+        "name": "volume",
+        "pose": {"position_m": [0.6, 0.1, 0.0], "rpy_deg": [0, 30, 0]},
+        "shape": {"box_m": [0.3, 0.3, 0.1]},
+    }
+    on_face = [round(0.6 + 0.1 * math.sin(turn), 4), 0.1, round(0.1 * math.cos(turn), 4)]
+    wall["holds"][0] |= {"pose": {"position_m": on_face, "rpy_deg": [0, 30, 0]}}
+    parse_scenario(wall)
+    wall["holds"][0]["pose"]["position_m"][2] -= 0.004
+    with pytest.raises(ScenarioError, match=r'"volume" overlaps "LF" \(.*by 0.0034'):
+        parse_scenario(wall)
+
+
 @pytest.mark.parametrize(
     ("place", "value", "says"),
     [
-        (("holds", 1, "pose", "rpy_deg"), [20, 0, 0], "holds[1].pose.rpy_deg: roll 20, pitch 0: is not supported yet"),
+        (("holds", 1, "pose", "rpy_deg"), [60, 0, 0], "holds[1].pose.rpy_deg: roll 60, pitch 0: is not supported yet"),
+        (("holds", 1, "pose", "rpy_deg"), [40, 30, 0], "is turned by 48 degrees out of the wall's plane, expected at"),
+        (("holds", 0, "pose", "position_m"), [0.14, 0.36, -0.06], "LF ends -10.0 mm off the wall"),
         (
-            ("holds", 0, "pose", "position_m"),
-            [0.14, 0.36, 0.1],
-            "holds[0].pose.position_m: z 0.1: is not supported yet",
+            ("holds", 0, "pose"),
+            {"position_m": [0.14, 0.36, 0], "rpy_deg": [0, 9, 0]},
+            "shape.lean_deg: is not supported",
         ),
         (("surfaces", 0, "plane", "normal"), [1, 0, 0], "surfaces[0].plane.normal: [1.0, 0.0, 0.0]: is not supported"),
         (("surfaces", 0, "plane", "point_m"), [0, 0, 1], "surfaces[0].plane.point_m: z 1: is not supported yet"),
@@ -94,6 +124,8 @@ def test_faces_lean_and_gravity_points_anywhere() -> None:
 )
 def test_what_cannot_be_is_named(place: tuple[Any, ...], value: Any, says: str) -> None:
     wall: Any = second()
+    if "shape.lean_deg" in says:
+        wall["holds"][0]["shape"]["lean_deg"] = {"+x": 10}
     part = wall
     for key in place[:-1]:
         part = part[key]

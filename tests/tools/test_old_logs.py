@@ -44,7 +44,11 @@ FORMATS: dict[str, tuple[list[tuple[str, str]], tuple[str, str] | None]] = {
     "10-restarts": ([("/LF/limb_telemetry", "float64[6] admittance_gains")], ("/plan", "int32 FORMAT_OWN_TIMES=3")),
     "11-times": ([("/plan", "int32 FORMAT_OWN_TIMES=3")], ("/plan", "int32 FORMAT_MOVING_FINGERS=4")),
     "12-fingers": ([("/plan", "int32 FORMAT_MOVING_FINGERS=4")], ("/plan", "float64[4] lean_rad")),
-    "13-leaning": ([("/plan", "float64[4] lean_rad")], None),
+    "13-leaning": ([("/plan", "float64[4] lean_rad")], ("/plan", "float64[2] tilt_rad")),
+    "14-turned": (
+        [("/plan", "float64[2] tilt_rad"), ("/LF/limb_reference", "float64[2] gripper_tilt_w_rad")],
+        None,
+    ),
 }
 
 each = pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)

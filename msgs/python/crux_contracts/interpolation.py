@@ -14,6 +14,7 @@ from crux_msgs import limb_knot_t, plan_t
 from numpy.typing import ArrayLike, NDArray
 
 from . import LIMB_NAMES
+from .gripper_frames import gripper_rotation
 
 Array = NDArray[np.float64]
 
@@ -46,11 +47,14 @@ UNLOAD_BEGIN, UNLOAD_SPAN = 0.5, 0.45
 
 @dataclass(frozen=True)
 class GripperReference:
-    """position_w_m (..., 3), yaw_w_rad (...), opening_m (...): pad face to gripper centre, as commanded."""
+    """position_w_m (..., 3), yaw_w_rad (...), opening_m (...): pad face to gripper centre, as commanded; tilt_w_rad
+    (..., 2), see gripper_frames.
+    """
 
     position_w_m: Array
     yaw_w_rad: Array
     opening_m: Array
+    tilt_w_rad: Array
 
 
 def smoothstep(x: ArrayLike) -> Array:
@@ -74,7 +78,7 @@ def gripper_wrench(knot: limb_knot_t) -> Array:
     """(6,) force and moment on the robot at the gripper centre: F = f1 + f2, M = sum (p_i - c) x f_i + m_i."""
     forces = np.asarray(knot.finger_force_w_n, dtype=float).reshape(2, 3)
     moments = np.asarray(knot.finger_moment_w_nm, dtype=float).reshape(2, 3)
-    axis = np.array([np.cos(knot.gripper_yaw_w_rad), np.sin(knot.gripper_yaw_w_rad), 0.0])
+    axis = gripper_rotation(knot.gripper_yaw_w_rad, knot.gripper_tilt_w_rad)[:, 0]
     arms = np.outer([0.5, -0.5], knot.finger_separation_m * axis)
     return np.concatenate([forces.sum(axis=0), (np.cross(arms, forces) + moments).sum(axis=0)])
 
@@ -117,6 +121,7 @@ class PlanReference:
         self._check_swings(plan.format == plan_t.FORMAT or self.point_feet)
         self._position_w_m = np.array([[limb.gripper_position_w_m for limb in knot] for knot in limbs], dtype=float)
         self._yaw_w_rad = np.array([[limb.gripper_yaw_w_rad for limb in knot] for knot in limbs], dtype=float)
+        self._tilt_w_rad = np.array([[limb.gripper_tilt_w_rad for limb in knot] for knot in limbs], dtype=float)
         self._opening_m = np.array([[limb.finger_separation_m / 2 for limb in knot] for knot in limbs], dtype=float)
         self._wrench = np.array([[gripper_wrench(limb) for limb in knot] for knot in limbs])
         poses = np.array([[*knot.body_position_w_m, *knot.body_rpy_rad] for knot in plan.knots], dtype=float)
@@ -160,7 +165,8 @@ class PlanReference:
         share = np.asarray(u, dtype=float)
         if self.point_feet:
             foot = self._feet(np.clip(self.time_s[k] + share * self.step_s[k], 0.0, self.end_s))[..., limb, :]
-            return GripperReference(foot[..., :3], foot[..., 3], np.full_like(share, self._opening_m[k, limb]))
+            opening, upright = np.full_like(share, self._opening_m[k, limb]), np.zeros((*share.shape, 2))
+            return GripperReference(foot[..., :3], foot[..., 3], opening, upright)
         here, after = self._opening_m[k, limb], self._opening_m[k + 1, limb]
         shares, steady = self.shares, here + (after - here) * share
         if not self.air[k, limb]:
@@ -174,7 +180,9 @@ class PlanReference:
             progress, opening = share, steady
         start, end = self._position_w_m[k, limb], self._position_w_m[k + 1, limb]
         yaw, yaw_end = self._yaw_w_rad[k, limb], self._yaw_w_rad[k + 1, limb]
-        return GripperReference(start + progress[..., None] * (end - start), yaw + progress * (yaw_end - yaw), opening)
+        tilt, tilt_end = self._tilt_w_rad[k, limb], self._tilt_w_rad[k + 1, limb]
+        place, tilted = start + progress[..., None] * (end - start), tilt + progress[..., None] * (tilt_end - tilt)
+        return GripperReference(place, yaw + progress * (yaw_end - yaw), opening, tilted)
 
     def wrench(self, limb: int, k: int, u: ArrayLike) -> Array:
         """(..., 6) planned force and moment on the robot at the gripper centre, frame W."""

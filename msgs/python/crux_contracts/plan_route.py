@@ -52,12 +52,14 @@ def misfit(before: plan_t, part: plan_t) -> str:
         if (off := _off(getattr(end, name), getattr(begin, name))) > TOLERANCE:
             return f"the body begins {off:.3g} off in {name}"
     for limb, held, holds in zip(LIMB_NAMES, end.limbs, begin.limbs, strict=True):
-        off = _off(
-            [*held.gripper_position_w_m, held.gripper_yaw_w_rad], [*holds.gripper_position_w_m, holds.gripper_yaw_w_rad]
-        )
+        off = _off(_pose(held), _pose(holds))
         if off > TOLERANCE or held.phase != holds.phase:
             return f"{limb} begins {off:.3g} m or rad off, phase {holds.phase}, expected {held.phase}"
     return ""
+
+
+def _pose(grip: limb_knot_t) -> list[float]:
+    return [*grip.gripper_position_w_m, grip.gripper_yaw_w_rad, *grip.gripper_tilt_w_rad]
 
 
 def _off(one: Sequence[float], other: Sequence[float]) -> float:
@@ -128,7 +130,7 @@ def _same_grip(before: plan_t, held: limb_knot_t, part: plan_t, holds: limb_knot
         and holds.hold >= 0
         and _same_hold(before.holds[held.hold], part.holds[holds.hold])
         and _off(held.gripper_position_w_m, holds.gripper_position_w_m) <= FOUND_M
-        and abs(held.gripper_yaw_w_rad - holds.gripper_yaw_w_rad) <= FOUND_RAD
+        and _off(_pose(held)[3:], _pose(holds)[3:]) <= FOUND_RAD
     )
 
 
@@ -149,3 +151,4 @@ def _take_to(grip: limb_knot_t, found: limb_knot_t) -> None:
             v[i], v[i + 1] = c * v[i] - s * v[i + 1], s * v[i] + c * v[i + 1]
         setattr(grip, name, v)
     grip.gripper_position_w_m, grip.gripper_yaw_w_rad = list(found.gripper_position_w_m), found.gripper_yaw_w_rad
+    grip.gripper_tilt_w_rad = list(found.gripper_tilt_w_rad)

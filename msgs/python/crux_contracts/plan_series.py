@@ -10,6 +10,7 @@ from crux_msgs import limb_knot_t, plan_t
 from numpy.typing import NDArray
 
 from . import LIMB_NAMES, N_LIMBS
+from .gripper_frames import gripper_rotation
 from .interpolation import gripper_wrench
 
 if TYPE_CHECKING:
@@ -63,7 +64,9 @@ class PlanSeries:
     gripper_position_m: Floats
     """(K, 4, 3) m, midpoint of the finger pads in W"""
     gripper_yaw_rad: Floats
-    """(K, 4) rad, of the opening axis about W's z, not wrapped"""
+    """(K, 4) rad, of an upright gripper's opening axis about W's z, not wrapped"""
+    gripper_tilt_rad: Floats
+    """(K, 4, 2) rad, rotation vector about W's x and y that tilts the gripper then: R = exp(tilt) Rz(yaw)"""
     separation_m: Floats
     """(K, 4) m, pad face to pad face"""
     finger_force_n: Floats
@@ -88,7 +91,7 @@ class PlanSeries:
     @property
     def opening_axis(self) -> Floats:
         """e of every gripper, (K, 4, 3)."""
-        return np.stack([np.cos(self.gripper_yaw_rad), np.sin(self.gripper_yaw_rad), 0 * self.gripper_yaw_rad], axis=-1)
+        return gripper_rotation(self.gripper_yaw_rad, self.gripper_tilt_rad)[..., 0]
 
     @property
     def force_n(self) -> Floats:
@@ -177,6 +180,7 @@ def plan_series(plan: plan_t) -> PlanSeries:
         body_angular_velocity_b_rad_s=per_knot("body_angular_velocity_b_rad_s"),
         gripper_position_m=per_limb("gripper_position_w_m"),
         gripper_yaw_rad=per_limb("gripper_yaw_w_rad"),
+        gripper_tilt_rad=per_limb("gripper_tilt_w_rad"),
         separation_m=per_limb("finger_separation_m"),
         finger_force_n=fingers("finger_force_w_n"),
         finger_moment_nm=fingers("finger_moment_w_nm"),

@@ -31,6 +31,7 @@ from .yaml_document import Node
 SIDE_FACES = FACE_NAMES[:4]
 LEAST_TOP_M = 0.005  # edges of a top that leaning faces leave
 UPRIGHT_DEG = 1e-6
+MAX_TURN_DEG = 45.0  # of a hold's top out of the wall's plane
 ON_WALL_M = 1e-9
 
 
@@ -120,7 +121,7 @@ def as_first(read: dict[str, Any], members: Mapping[str, Node], check: Checker) 
         _is_wall(node, surface, check)
     for name in ("holds", "obstacles"):
         for node, body in zip(_items(members.get(name)), bodies[name], strict=False):
-            _is_upright(node, body, check)
+            _can_be(node, body, check)
     slope = math.degrees(math.atan2(math.hypot(*gravity[:2]), -gravity[2]))
     friction = surfaces[0].friction if surfaces else 0.0
     return read | {
@@ -146,18 +147,27 @@ def _is_wall(node: Node, surface: Surface, check: Checker) -> None:
         check.note_at(node, "plane.point_m", f"z {plane.point_m[2]:g}", "is not supported yet: expected z 0")
 
 
-def _is_upright(node: Node, body: Box, check: Checker) -> None:
-    """Bodies stand upright on the wall; leaning sides leave a top."""
+def _can_be(node: Node, body: Box, check: Checker) -> None:
+    """Bodies reach off the wall, holds of them with their tops; turned ones are boxes; leaning sides leave a top."""
     if body.pose is None or body.shape is None or body.pose.position_m is None or body.shape.box_m is None:
         return
     x, y, height = body.shape.box_m
-    if abs(body.pose.position_m[2]) > ON_WALL_M:
+    roll, pitch, _ = body.pose.rpy_deg
+    turned = max(abs(roll), abs(pitch)) > UPRIGHT_DEG or abs(body.pose.position_m[2]) > ON_WALL_M
+    if turned and body.shape.lean_deg:
+        why = f"is not supported yet: {body.name} is turned out of the wall's plane, or off it; expected none"
+        check.note_at(node, "shape.lean_deg", "", why)
+    off_deg = math.degrees(math.acos(math.cos(math.radians(roll)) * math.cos(math.radians(pitch))))
+    if isinstance(body, BoxHold) and off_deg > MAX_TURN_DEG:
+        why = f"is not supported yet: the top of {body.name} is turned by {off_deg:.0f} degrees out of the wall's plane"
+        check.note_at(
+            node, "pose.rpy_deg", f"roll {roll:g}, pitch {pitch:g}", f"{why}, expected at most {MAX_TURN_DEG:g}"
+        )
+    top = top_m(body.pose.position_m[2], body.shape.box_m, (math.radians(roll), math.radians(pitch)))
+    if top < LEAST_TOP_M:
         found = f"z {body.pose.position_m[2]:g}"
-        check.note_at(node, "pose.position_m", found, f"is not supported yet: {body.name} must stand on the wall, z 0")
-    if max(map(abs, body.pose.rpy_deg[:2])) > UPRIGHT_DEG:
-        roll, pitch, _ = body.pose.rpy_deg
-        why = f"is not supported yet: {body.name} is turned out of the wall's plane; expected 0, 0, or shape.lean_deg"
-        check.note_at(node, "pose.rpy_deg", f"roll {roll:g}, pitch {pitch:g}", why)
+        why = f"{body.name} ends {1e3 * top:.1f} mm off the wall, expected at least {1e3 * LEAST_TOP_M:g} mm"
+        check.note_at(node, "pose.position_m", found, why)
     if body.shape.lean_deg and not isinstance(body, BoxHold):
         check.note_at(node, "shape.lean_deg", "", "is for holds: an obstacle is a box")
     for axis, width in (("x", x), ("y", y)):
@@ -170,9 +180,18 @@ def _is_upright(node: Node, body: Box, check: Checker) -> None:
             check.note_at(node, "shape.lean_deg", "", why)
 
 
+def top_m(foot_z_m: float, size_m: tuple[float, float, float], tilt_rad: tuple[float, float]) -> float:
+    """How far off the wall a box reaches whose foot's middle is at z, turned by roll and pitch [rad]."""
+    (sr, cr), (sp, cp) = ((math.sin(angle), math.cos(angle)) for angle in tilt_rad)
+    across = (size_m[0] * abs(sp) + size_m[1] * abs(sr * cp)) / 2
+    return foot_z_m + max(size_m[2] * cr * cp, 0.0) + across
+
+
 def _cuboid(body: Box) -> dict[str, Any]:
-    x, y, _ = body.pose.position_m
-    return {"name": body.name, "position_m": (x, y), "size_m": body.shape.box_m, "yaw_deg": body.pose.rpy_deg[2]}
+    (x, y, z), (roll, pitch, yaw) = body.pose.position_m, body.pose.rpy_deg
+    tilt = (roll, pitch) if max(abs(roll), abs(pitch)) > UPRIGHT_DEG else (0.0, 0.0)
+    place = {"position_m": (x, y), "foot_z_m": z if abs(z) > ON_WALL_M else 0.0}
+    return {"name": body.name, **place, "size_m": body.shape.box_m, "yaw_deg": yaw, "tilt_deg": tilt}
 
 
 def _hold(body: BoxHold) -> Hold:

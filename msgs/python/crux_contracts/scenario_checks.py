@@ -7,15 +7,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from .reading import Checker, did_you_mean
+from .turned_boxes import TurnedBox, depth_m
 from .yaml_document import Node
 
 OVERLAP_TOLERANCE_M = 1e-6
+TURNED_TOLERANCE_M = 1e-3  # where a body is turned: what stands on its faces has places that are rounded
 OFF_WAY_M = 20.0  # from the way between start and goal, along each axis
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """A cuboid seen from above."""
+    """A cuboid seen from above, and how it is turned out of the wall's plane."""
 
     name: str
     node: Node
@@ -24,6 +26,22 @@ class Footprint:
     half_x_m: float
     half_y_m: float
     yaw_rad: float
+    height_m: float = 0.0
+    tilt_rad: tuple[float, float] = (0.0, 0.0)  # roll and pitch
+    foot_z_m: float = 0.0
+
+    @property
+    def turned(self) -> bool:
+        return any(self.tilt_rad) or self.foot_z_m != 0.0
+
+    @property
+    def extent_m(self) -> float:
+        """Farther from the middle of its foot it is nowhere, seen from above."""
+        return math.hypot(self.half_x_m, self.half_y_m) + (self.height_m if self.turned else 0.0)
+
+    def box(self) -> TurnedBox:
+        size = (2 * self.half_x_m, 2 * self.half_y_m, self.height_m)
+        return TurnedBox.on_foot((self.x_m, self.y_m, self.foot_z_m), size, (*self.tilt_rad, self.yaw_rad))
 
     def axes(self) -> tuple[tuple[float, float], tuple[float, float]]:
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
@@ -36,11 +54,15 @@ class Footprint:
 
 
 def overlap_m(a: Footprint, b: Footprint) -> float:
-    """Least way to push two footprints apart, by the separating axis theorem; not positive when they are apart."""
+    """Least way to push two footprints apart, by the separating axis theorem, or where one is turned the cuboids
+    themselves; not positive when they are apart.
+    """
     dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
-    gap = math.hypot(dx, dy) - math.hypot(a.half_x_m, a.half_y_m) - math.hypot(b.half_x_m, b.half_y_m)
+    gap = math.hypot(dx, dy) - a.extent_m - b.extent_m
     if gap > 0:  # spares the exact test for nearly all pairs
         return -gap
+    if a.turned or b.turned:
+        return depth_m(a.box(), b.box())
     return min(a.reach(n) + b.reach(n) - abs(dx * n[0] + dy * n[1]) for n in (*a.axes(), *b.axes()))
 
 
@@ -66,17 +88,17 @@ def _footprint(node: Node) -> Footprint | None:
     if "pose" in keys:  # of version 2
         pose, shape = _members(keys["pose"]), _members(keys.get("shape"))
         position, size = _floats(pose.get("position_m"), 3), _floats(shape.get("box_m"), 3)
-        turns = _items(pose.get("rpy_deg"))
-        yaw = turns[2].content if len(turns) == 3 else 0.0
+        turns = _floats(pose["rpy_deg"], 3) if "rpy_deg" in pose else [0.0, 0.0, 0.0]
     else:
         position, size = _floats(keys.get("position_m"), 2), _floats(keys.get("size_m"), 3)
         yaw = keys["yaw_deg"].content if "yaw_deg" in keys else 0.0
-    if position is None or size is None or min(size) <= 0:
-        return None
-    if isinstance(yaw, bool) or not isinstance(yaw, (int, float)) or not math.isfinite(yaw):
+        turns = [0.0, 0.0, float(yaw)] if isinstance(yaw, (int, float)) and not isinstance(yaw, bool) else None
+    if position is None or size is None or min(size) <= 0 or turns is None or not math.isfinite(turns[2]):
         return None
     name = keys["name"].shown() if "name" in keys else node.key
-    return Footprint(name, node, position[0], position[1], size[0] / 2, size[1] / 2, math.radians(yaw))
+    (x, y, *z), (roll, pitch, yaw_rad) = position, map(math.radians, turns)
+    half = size[0] / 2, size[1] / 2
+    return Footprint(name, node, x, y, *half, yaw_rad, size[2], (roll, pitch), *z)
 
 
 def check_places(check: Checker, keys: dict[str, Node]) -> None:
@@ -119,7 +141,7 @@ def check_cuboids(check: Checker, keys: dict[str, Node]) -> None:
     for second, first in sorted((j, i) for i, j in _near(footprints)):
         a, b = footprints[first], footprints[second]
         depth = overlap_m(a, b)
-        if depth > OVERLAP_TOLERANCE_M:
+        if depth > (TURNED_TOLERANCE_M if a.turned or b.turned else OVERLAP_TOLERANCE_M):
             place = f"[{b.x_m:g}, {b.y_m:g}]"
             check.note_at(
                 b.node,
@@ -131,7 +153,7 @@ def check_cuboids(check: Checker, keys: dict[str, Node]) -> None:
 
 def _near(footprints: list[Footprint]) -> Iterator[tuple[int, int]]:
     """Pairs whose extents along x meet, the earlier first."""
-    extents = [math.hypot(each.half_x_m, each.half_y_m) for each in footprints]
+    extents = [each.extent_m for each in footprints]
     order = sorted(range(len(footprints)), key=lambda i: footprints[i].x_m - extents[i])
     open_: list[int] = []
     for i in order:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -74,16 +75,30 @@ class Contact:
 
 @dataclass(frozen=True)
 class Cuboid:
-    """Stands on the wall."""
+    """Stands on the wall; one of a file of version 2 may be turned out of its plane, and off it."""
 
     name: str = key(REQUIRED, means="any text, each name once")
     position_m: tuple[float, float] = key(REQUIRED, *POSITION, "x, y of the centre of its foot on the wall")
     size_m: tuple[float, float, float] = key(REQUIRED, *SIZE_M, "m", "along its own axes")
     yaw_deg: float = key(0.0, -360.0, 360.0, "degrees", "rotation about W's z")
+    tilt_deg: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
+    """roll and pitch: R = Rz(yaw) Ry(pitch) Rx(roll) about the middle of its foot turns W <- the cuboid's own axes"""
+    foot_z_m: float = field(default=0.0, kw_only=True)
+    """of the middle of its foot, off the wall"""
 
     @property
     def yaw_rad(self) -> float:
         return math.radians(self.yaw_deg)
+
+    @property
+    def tilt_rad(self) -> tuple[float, float]:
+        roll, pitch = self.tilt_deg
+        return (math.radians(roll), math.radians(pitch))
+
+    @property
+    def turned(self) -> bool:
+        """Whether it is not upright on the wall."""
+        return any(self.tilt_deg) or self.foot_z_m != 0.0
 
 
 @dataclass(frozen=True)
@@ -243,6 +258,18 @@ class Scenario:
     def leans(self) -> bool:
         """Whether some hold has a face that leans."""
         return any(hold.leans for hold in self.holds)
+
+    @property
+    def tilts(self) -> bool:
+        """Whether some hold is turned out of the wall's plane."""
+        return any(any(hold.tilt_deg) for hold in self.holds)
+
+    @property
+    def not_upright(self) -> str:
+        """The first hold or obstacle that leans or is turned, in words; empty where all are upright on the wall."""
+        leaning = (f"{hold.name} has faces that lean" for hold in self.holds if hold.leans)
+        turned = (f"{each.name} is turned out of the wall's plane" for each in self.cuboids if each.turned)
+        return next(itertools.chain(leaning, turned), "")
 
     def hold_index(self, name: str) -> int:
         """Index of a hold by name; KeyError for an unknown one."""

@@ -54,5 +54,6 @@ def check_bounds(plan: PlanArrays, robot: Robot, point_model: bool, paced: bool,
         findings.add_series("swing_height", height, times, "m", limb=limb)
         mean_speed = np.linalg.norm(np.diff(plan.gripper_position[:, limb], axis=0), axis=1) / plan.step_s
         findings.add_series("swing_speed", mean_speed - limb_speed, between, "m/s", limb=limb)
-        mean_rate = np.abs(np.diff(plan.gripper_yaw[:, limb])) / plan.step_s
+        tilting = np.linalg.norm(np.diff(plan.gripper_tilt[:, limb], axis=0), axis=1)
+        mean_rate = (np.abs(np.diff(plan.gripper_yaw[:, limb])) + tilting) / plan.step_s
         findings.add_series("swing_yaw_rate", mean_rate - yaw_rate, between, "rad/s", limb=limb)

@@ -31,7 +31,7 @@ from crux_planner.checker.outer import OutsideError
 
 NO_PLAN, BOUND = "no plan", "bound"
 Shown = list[tuple[int | None, list[Array]]]
-UNKNOWN = "about a walk, or a start with limbs in the air: no certificates are known for these"
+UNKNOWN = "about a walk, limbs in the air at the start, or bodies that lean: no certificates are known for these"
 LONGEST_SHOWN = 80
 LARGEST = 1e9
 """Multipliers beyond it would overflow in what they show of no plan; they are taken to show nothing."""
@@ -105,7 +105,7 @@ def verify(document: dict[str, Any]) -> tuple[Scenario, str]:
         if not isinstance(document["scenario_yaml"], str):
             raise CertificateError(f"scenario_yaml: {_shown(document['scenario_yaml'])}: expected a text")
         scenario = parse_scenario(document["scenario_yaml"], "the scenario in the certificate")
-        if scenario.contact.model != "patch" or scenario.start.air:
+        if scenario.contact.model != "patch" or scenario.start.air or scenario.not_upright:
             raise CertificateError(UNKNOWN)
         verifiers = {NO_PLAN: _verify_no_plan, BOUND: _verify_bound}
         if document["claim"] not in verifiers:

@@ -97,8 +97,8 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
     spare_m = 2**0.5 * scenario.uncertainty.hold_position_m if scenario.uncertainty else 0.0  # along x and y, each
     check_clearance(samples, plan.cuboids, limbs, body, point_model=point, spare_m=spare_m, findings=findings)
     check_limb_clearance(samples, limbs, body, spare_m, findings)
-    if scenario.uncertainty is not None and scenario.leans:
-        detail = "no check knows what an uncertainty makes of holds with faces that lean"
+    if scenario.uncertainty is not None and scenario.not_upright:
+        detail = f"no check knows what an uncertainty makes of holds and obstacles where {scenario.not_upright}"
         findings.add("limit_surface_uncertain", 1.0, "", detail=detail)
     elif scenario.uncertainty is not None:
         check_uncertainty(plan, scenario, loads, robot, findings)

@@ -151,6 +151,9 @@ class _Look:
     def seen(self, points: Array, c: Indices, t: Indices) -> Array:
         """Points at looks t in the frames of cuboids c."""
         offset = points.T[:, t] - self.cuboids.centre_w_m.T[:, c]
+        if self.cuboids.tilt_rad.any():
+            turn = self.cuboids.rotation[c]
+            return np.asarray((offset.T[:, None] @ turn)[:, 0])
         sine, cosine = np.sin(self.cuboids.yaw_rad)[c], np.cos(self.cuboids.yaw_rad)[c]
         x, y, z = offset
         return np.array([cosine * x + sine * y, cosine * y - sine * x, z]).T

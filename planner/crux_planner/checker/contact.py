@@ -10,7 +10,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.checker import tolerances
-from crux_planner.checker.geometry import Array, Flags, Indices
+from crux_planner.checker.geometry import Array, Flags, Indices, rotation_of_gripper, turned_back
 from crux_planner.checker.plan_arrays import FACE_NONE, FACE_WALL, PlanArrays
 from crux_planner.checker.report import Findings
 
@@ -96,42 +96,59 @@ def _check_faces(
             along_y = plan.finger1_face[gripped, limb] >= 2
             depth = np.where(along_y, size[:, 1], size[:, 0])
             width = np.where(along_y, size[:, 0], size[:, 1])
-            pads_m = plan.gripper_position[gripped, limb, 2]
+            local = _in_holds(plan, plan.gripper_position[gripped, limb], holds)
+            pads_m = local[:, 2]
             for f in (0, 1):
                 n, lean = normal[gripped, limb, f], plan.lean[gripped, limb, f]
-                tangent = np.stack([-n[:, 1], n[:, 0]], axis=1) / np.cos(lean)[:, None]
                 offset = finger[gripped, limb, f] - foot
                 off_face = np.abs((n * offset).sum(axis=1) - 0.5 * depth * np.cos(lean))
-                z, patch = offset[:, 2], patch_radius_m * np.cos(lean)
-                along, left, right = _ends(plan, holds, along_y, 0.5 * width, z + patch, offset[:, :2], tangent)
+                place, patch = _in_holds(plan, finger[gripped, limb, f], holds), patch_radius_m * np.cos(lean)
+                z = place[:, 2]
+                along, left, right = _ends(plan, holds, along_y, 0.5 * width, z + patch, place)
                 aside = np.maximum(along - left, right - along) + patch_radius_m
                 beyond = np.maximum(patch - z, z - (size[:, 2] - patch))
                 height = np.maximum(pad_height_m[0] - pads_m, pads_m - pad_height_m[1])
                 found = {"contact_face": off_face, "contact_patch": np.maximum(aside, beyond), "pad_height": height}
                 for name, values in found.items():
                     findings.add_series(name, values, times, "m", limb=limb, finger=f + 1)
-            flat = normal[gripped, limb, 0] / np.cos(plan.lean[gripped, limb, 0])[:, None]
-            cosine = np.clip((plan.opening_axis[gripped, limb, :2] * flat[:, :2]).sum(axis=1), -1.0, 1.0)
-            findings.add_series("finger_axis", np.arccos(cosine), times, "rad", limb=limb)
+            findings.add_series("finger_axis", _off_axis(plan, gripped, limb), times, "rad", limb=limb)
         on_wall = plan.on_wall[:, limb]
         if on_wall.any():
             height = np.abs(plan.gripper_position[on_wall, limb, 2])
             findings.add_series("contact_face", height, plan.time_s[on_wall], "m", limb=limb)
 
 
-def _ends(
-    plan: PlanArrays, holds: Indices, along_y: Flags, half_m: Array, height_m: Array, offset_m: Array, tangent: Array
-) -> tuple[Array, Array, Array]:
-    """Of faces gripped (n,): where the pad is along the face, and the face's ends there at a height, where the sides
-    beside it may lean in.
+def _in_holds(plan: PlanArrays, place_w_m: Array, holds: Indices) -> Array:
+    """Places (n, 3) along the axes of holds (n,), off the middle of their feet."""
+    return turned_back(plan.cuboids.rotation[holds], place_w_m - plan.cuboids.foot_w_m[holds])
+
+
+def _off_axis(plan: PlanArrays, gripped: Flags, limb: int) -> Array:
+    """Angles (n,) of the opening axis off the face's normal, its lean left out, and of the gripper's z off the hold's,
+    the larger.
     """
-    along = (tangent * offset_m).sum(axis=1)
+    turn = rotation_of_gripper(plan.gripper_yaw[gripped, limb], plan.gripper_tilt[gripped, limb])
+    up, lean = plan.off_hold[gripped, limb], plan.lean[gripped, limb, :1]
+    flat = (plan.face_normal[gripped, limb, 0] - np.sin(lean) * up) / np.cos(lean)
+    pairs = (turn[..., 0], flat), (turn[..., 2], up)
+    return np.asarray(np.max([_angle(a, b) for a, b in pairs], axis=0))
+
+
+def _angle(a: Array, b: Array) -> Array:
+    """Between unit vectors (n, 3)."""
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)))
+
+
+def _ends(
+    plan: PlanArrays, holds: Indices, along_y: Flags, half_m: Array, height_m: Array, place_m: Array
+) -> tuple[Array, Array, Array]:
+    """Of faces gripped (n,): where the pad is along the face, its place (n, 3) along the hold's axes, and the face's
+    ends there at a height, where the sides beside it may lean in.
+    """
     beside = np.where(along_y[:, None], [0, 1], [2, 3])  # plus and minus
     leans = np.tan(plan.cuboids.lean_rad[holds[:, None], beside])
     ends = np.array([1.0, -1.0]) * (half_m[:, None] - height_m[:, None] * leans)
-    axis = plan.cuboids.rotation[holds][np.arange(len(holds)), :2, np.where(along_y, 0, 1)]
-    turned = np.sign((axis * tangent).sum(axis=1))[:, None] * ends
-    return along, turned.max(axis=1), turned.min(axis=1)
+    return np.where(along_y, place_m[:, 0], place_m[:, 1]), ends[:, 0], ends[:, 1]
 
 
 def _check_rest(plan: PlanArrays, findings: Findings) -> None:

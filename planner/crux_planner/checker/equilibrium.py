@@ -119,8 +119,8 @@ def _grasp_excess(plan: PlanArrays, samples: Samples, loads: FingerLoads, limb: 
         return np.where(leans, _leaning_excess(plan, samples, loads, limb, hanging), upright)
     axis, at = samples.opening_axis[:, limb], samples.interval
     force, moment = samples.force[:, limb], samples.moment[:, limb]
-    tangent = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
-    shear = 0.5 * np.stack([(force[:, :2] * tangent).sum(axis=1), force[:, 2]], axis=1)
+    across, up = (samples.gripper_rotation[:, limb, :, i] for i in (1, 2))
+    shear = 0.5 * np.stack([(force * across).sum(axis=1), (force * up).sum(axis=1)], axis=1)
     twist = 0.5 * (moment * axis).sum(axis=1)
     along = (force * axis).sum(axis=1)
     normal = np.stack([plan.max_normal_N + np.minimum(along, 0.0), plan.max_normal_N - np.maximum(along, 0.0)], axis=1)

@@ -30,6 +30,20 @@ def rotation_about_z(angle: Array) -> Array:
     return np.moveaxis(np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]]), (0, 1), (-2, -1))
 
 
+def rotation_of_gripper(yaw: Array, tilt: Array) -> Array:
+    """exp(tilt) Rz(yaw), shapes (...), (..., 2) -> (..., 3, 3): the tilt is a rotation vector about x and y, whose
+    exponential is I + sin(a) / a S + (1 - cos(a)) / a^2 S^2 with S its cross product and a its length.
+    """
+    upright = rotation_about_z(yaw)
+    if not tilt.any():
+        return upright
+    x, y, zero = tilt[..., 0], tilt[..., 1], np.zeros_like(tilt[..., 0])
+    skew = np.moveaxis(np.array([[zero, zero, y], [zero, zero, -x], [-y, x, zero]]), (0, 1), (-2, -1))
+    angle = np.hypot(x, y)[..., None, None]
+    first, second = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    return np.asarray((np.eye(3) + first * skew + second * skew @ skew) @ upright)
+
+
 def turned(rotation: Array, vector: Array) -> Array:
     """R v, shapes (..., 3, 3), (..., 3) -> (..., 3)."""
     x, y, z = vector[..., 0, None], vector[..., 1, None], vector[..., 2, None]

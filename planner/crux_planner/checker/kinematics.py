@@ -30,7 +30,7 @@ def check_kinematics(
     solutions = inverse_kinematics.solve(
         robot.limbs,
         [turned_back(turn, samples.gripper_position[:, i] - body) for i in limbs],
-        [_gripper_in_body(turn, samples.gripper_yaw[:, i]) for i in limbs],
+        [_gripper_in_body(turn, samples, i) for i in limbs],
     )
     motions, loads = [], []
     for index, (limb, solution) in enumerate(zip(robot.limbs, solutions, strict=True)):
@@ -72,8 +72,11 @@ def held_torque(limb: Limb, state: ChainState, samples: Samples, index: int, gra
     return limb.gravity_torque(state, gravity_b) + limb.contact_torque(state, *wrench_b)
 
 
-def _gripper_in_body(rotation: Array, yaw: Array) -> Array:
-    """R^T Rz(yaw), (T, 3, 3), of body rotations (T, 3, 3) and gripper yaws (T,)."""
+def _gripper_in_body(rotation: Array, samples: Samples, limb: int) -> Array:
+    """Of a limb's gripper, (T, 3, 3), for body rotations (T, 3, 3)."""
+    if samples.gripper_tilt[:, limb].any():
+        return np.asarray(np.swapaxes(rotation, 1, 2) @ samples.gripper_rotation[:, limb])
+    yaw = samples.gripper_yaw[:, limb]
     x, y = rotation[:, 0].T, rotation[:, 1].T
     sine, cosine = np.sin(yaw), np.cos(yaw)
     return np.array([cosine * x + sine * y, cosine * y - sine * x, rotation[:, 2].T]).T

@@ -53,7 +53,7 @@ class FingerLoads:
     """Finger wrenches in their contact frames, shapes (K, 4, 2): normal force pushes the finger off its face."""
 
     normal_N: Array
-    shear_N: Array  # (K, 4, 2, 2) along z x e and up the face, which is z where it does not lean (on the wall: x and y)
+    shear_N: Array  # (K, 4, 2, 2) along z x e and up the face, z the hold's where it does not lean (on the wall: x, y)
     twist_Nm: Array  # about n1, and about -n2: the same direction for both fingers, unless they lean
     other_moment_Nm: Array
     friction: Array
@@ -81,7 +81,7 @@ def finger_loads(plan: PlanArrays, wall_friction: float) -> FingerLoads:
     normal = plan.face_normal
     common = normal[:, :, :1, :]
     on_wall = plan.on_wall[..., None, None]
-    z = np.array([0.0, 0.0, 1.0])
+    z = plan.off_hold[:, :, None, :]
     tangent1 = np.where(on_wall, np.array([1.0, 0.0, 0.0]), np.cross(z, common))
     tangent2 = np.where(on_wall, np.array([0.0, 1.0, 0.0]), z)
     if plan.leaning.any():

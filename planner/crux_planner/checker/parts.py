@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from crux_planner.checker.geometry import Array, Flags, Indices, rotation_about_z, turned, turned_by
+from crux_planner.checker.geometry import Array, Flags, Indices, turned, turned_by
 from crux_planner.checker.kinematics import LimbMotion
 from crux_planner.checker.limb_model import Limb, Link
 from crux_planner.checker.sampling import Samples
@@ -68,7 +68,7 @@ class Part:
 
 def limb_parts(samples: Samples, limb: Limb, index: int, motion: LimbMotion, pad_radius_m: float) -> list[Part]:
     """Links, palm and fingers of limb number `index`; a link is nowhere (NaN) where its limb does not reach."""
-    hand = rotation_about_z(samples.gripper_yaw[:, index])
+    hand = samples.gripper_rotation[:, index]
     gripper = samples.gripper_position[:, index]
     slides = {joint.child: joint for joint in limb.fingers}
     parts = []

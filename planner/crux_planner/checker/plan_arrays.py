@@ -8,7 +8,14 @@ import numpy as np
 from crux_contracts import N_LIMBS
 from crux_msgs import limb_knot_t
 
-from crux_planner.checker.geometry import Array, Flags, Indices, rotation_about_z
+from crux_planner.checker.geometry import (
+    Array,
+    Flags,
+    Indices,
+    rotation_about_z,
+    rotation_from_rpy,
+    rotation_of_gripper,
+)
 from crux_planner.checker.report import Findings
 
 STANCE, AIR = limb_knot_t.STANCE, limb_knot_t.AIR
@@ -34,16 +41,22 @@ class Cuboids:
     spines: Flags
     lean_rad: Array
     """Of the side faces, off the upright, (H, 4)."""
+    tilt_rad: Array
+    """Roll and pitch, (H, 2)."""
 
     @cached_property
     def centre_w_m(self) -> Array:
         """Centres (H, 3)."""
-        return self.foot_w_m + np.array([0.0, 0.0, 0.5]) * self.size_m
+        if not self.tilt_rad.any():
+            return self.foot_w_m + np.array([0.0, 0.0, 0.5]) * self.size_m
+        return self.foot_w_m + 0.5 * self.size_m[:, 2:] * self.rotation[:, :, 2]
 
     @cached_property
     def rotation(self) -> Array:
         """Rotations W <- cuboid, shape (H, 3, 3)."""
-        return rotation_about_z(self.yaw_rad)
+        if not self.tilt_rad.any():
+            return rotation_about_z(self.yaw_rad)
+        return rotation_from_rpy(np.column_stack([self.tilt_rad, self.yaw_rad]))
 
     def side_planes(self, index: int) -> tuple[Array, Array]:
         """Outward normals (4, 3) and offsets (4,) of a cuboid's side faces in its centred frame: n . p is the offset on
@@ -87,6 +100,8 @@ class PlanArrays:
     friction: Array
     gripper_position: Array
     gripper_yaw: Array
+    gripper_tilt: Array
+    """Rotation vectors about x and y of W, (K, 4, 2)."""
     separation: Array
     finger_force: Array
     finger_moment: Array
@@ -107,7 +122,15 @@ class PlanArrays:
     @cached_property
     def opening_axis(self) -> Array:
         """e of every gripper, (K, 4, 3)."""
-        return np.stack([np.cos(self.gripper_yaw), np.sin(self.gripper_yaw), np.zeros_like(self.gripper_yaw)], axis=-1)
+        return rotation_of_gripper(self.gripper_yaw, self.gripper_tilt)[..., 0]
+
+    @cached_property
+    def off_hold(self) -> Array:
+        """z of the hold gripped, the way off it, (K, 4, 3); W's z where there is none."""
+        if not self.cuboids.names or not self.cuboids.tilt_rad.any():
+            return np.broadcast_to(_OUTWARD[4], (*self.hold.shape, 3))
+        index = np.where(self.gripped, self.hold, 0)
+        return np.where(self.gripped[..., None], self.cuboids.rotation[index][..., 2], _OUTWARD[4])
 
     @cached_property
     def finger_position(self) -> Array:
@@ -223,6 +246,7 @@ def read_plan(plan: Any, findings: Findings, pad_radius_m: float = 0.0) -> PlanA
             read(plan.holds, "friction", plan.n_holds, 5),
             read(plan.holds, "spines", plan.n_holds, 5) != 0,
             read(plan.holds, "lean_rad", plan.n_holds, 4),
+            read(plan.holds, "tilt_rad", plan.n_holds, 2),
         )
         arrays = PlanArrays(
             float(plan.dt_s),
@@ -245,6 +269,7 @@ def read_plan(plan: Any, findings: Findings, pad_radius_m: float = 0.0) -> PlanA
             read(limbs, "friction", *shape),
             read(limbs, "gripper_position_w_m", *shape, 3),
             read(limbs, "gripper_yaw_w_rad", *shape),
+            read(limbs, "gripper_tilt_w_rad", *shape, 2),
             read(limbs, "finger_separation_m", *shape),
             read(limbs, "finger_force_w_n", *shape, 2, 3),
             read(limbs, "finger_moment_w_nm", *shape, 2, 3),

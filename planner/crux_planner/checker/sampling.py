@@ -5,11 +5,12 @@ looks at some thousand moments, and must not inherit a misreading from the code 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from crux_planner.checker.contact import Swing, swings
-from crux_planner.checker.geometry import Array, Indices, rotation_from_rpy
+from crux_planner.checker.geometry import Array, Indices, rotation_from_rpy, rotation_of_gripper
 from crux_planner.checker.plan_arrays import PlanArrays
 
 STANCE_SAMPLES = 12
@@ -28,6 +29,7 @@ class Samples:
     rotation: Array
     gripper_position: Array
     gripper_yaw: Array
+    gripper_tilt: Array
     opening: Array
     force: Array
     moment: Array
@@ -38,7 +40,12 @@ class Samples:
     @property
     def opening_axis(self) -> Array:
         """e, (T, 4, 3)."""
-        return np.stack([np.cos(self.gripper_yaw), np.sin(self.gripper_yaw), np.zeros_like(self.gripper_yaw)], axis=-1)
+        return self.gripper_rotation[..., 0]
+
+    @cached_property
+    def gripper_rotation(self) -> Array:
+        """W <- gripper, (T, 4, 3, 3)."""
+        return rotation_of_gripper(self.gripper_yaw, self.gripper_tilt)
 
 
 def on_pads(samples: Samples, pad_radius_m: float) -> Samples:
@@ -95,7 +102,7 @@ def sample_at(plan: PlanArrays, interval: Indices, share: Array) -> Samples:
     k, u = interval, share
     pose = np.concatenate([plan.body_position, plan.body_rpy], axis=1)
     body = pchip(plan.step_s, pose, k, u)
-    position, yaw = plan.gripper_position[k].copy(), plan.gripper_yaw[k].copy()
+    position, yaw, tilt = plan.gripper_position[k].copy(), plan.gripper_yaw[k].copy(), plan.gripper_tilt[k].copy()
     opening = 0.5 * plan.separation[k]
     own = plan.gripped_hold[k]
     force, moment = _blend(plan, k, u)
@@ -107,17 +114,25 @@ def sample_at(plan: PlanArrays, interval: Indices, share: Array) -> Samples:
         position, yaw = way[..., :3], way[..., 3]
     for swing in swings(plan):
         if not feet:
-            _swing(plan, swing, k, u, position, yaw, opening, own)
+            _swing(plan, swing, k, u, position, yaw, tilt, opening, own)
         limb = swing.limb
         leaving, landed = k == swing.first - 1, k == swing.last + 1
         load[leaving, limb] *= 1.0 - smooth((u[leaving] - 0.5) / 0.45)
         load[landed, limb] *= smooth((u[landed] - 0.02) / 0.4)
     turned, time_s = rotation_from_rpy(body[:, 3:]), plan.time_s[k] + u * plan.step_s[k]
-    return Samples(time_s, k, body[:, :3], body[:, 3:], turned, position, yaw, opening, force, moment, load, own)
+    return Samples(time_s, k, body[:, :3], body[:, 3:], turned, position, yaw, tilt, opening, force, moment, load, own)
 
 
 def _swing(
-    plan: PlanArrays, swing: Swing, k: Indices, u: Array, position: Array, yaw: Array, opening: Array, own: Indices
+    plan: PlanArrays,
+    swing: Swing,
+    k: Indices,
+    u: Array,
+    position: Array,
+    yaw: Array,
+    tilt: Array,
+    opening: Array,
+    own: Indices,
 ) -> None:
     """Overwrite the samples of one swing."""
     limb, first, last = swing.limb, swing.first, swing.last
@@ -131,6 +146,8 @@ def _swing(
     c, psi, half = plan.gripper_position[:, limb], plan.gripper_yaw[:, limb], 0.5 * plan.separation[:, limb]
     position[rows, limb] = c[kr] + share[:, None] * (c[kr + 1] - c[kr])
     yaw[rows, limb] = psi[kr] + share * (psi[kr + 1] - psi[kr])
+    leaned = plan.gripper_tilt[:, limb]
+    tilt[rows, limb] = leaned[kr] + share[:, None] * (leaned[kr + 1] - leaned[kr])
     gap = half[kr] + ur * (half[kr + 1] - half[kr])
     if not plan.fingers_move:
         gap = np.where(lifting, half[kr] + np.clip(ur / lift, 0.0, 1.0) * (half[kr + 1] - half[kr]), gap)

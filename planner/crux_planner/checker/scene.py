@@ -79,9 +79,10 @@ def _compare(plan: Any, arrays: PlanArrays, scenario: Scenario, findings: Findin
         copy, label = arrays.cuboids, f"hold {cuboid.name!r}"
         graspable = isinstance(cuboid, Hold)
         _match(f"{label}: graspable", float(copy.graspable[index]), float(graspable), findings)
-        _match(f"{label}: position", copy.foot_w_m[index], (*cuboid.position_m, 0.0), findings)
+        _match(f"{label}: position", copy.foot_w_m[index], (*cuboid.position_m, cuboid.foot_z_m), findings)
         _match(f"{label}: size", copy.size_m[index], cuboid.size_m, findings)
         _match(f"{label}: yaw", copy.yaw_rad[index], cuboid.yaw_rad, findings)
+        _match(f"{label}: roll and pitch", copy.tilt_rad[index], cuboid.tilt_rad, findings)
         if isinstance(cuboid, Hold):
             _match(f"{label}: friction", copy.friction[index], cuboid.friction, findings)
             _match(f"{label}: spines", copy.spines[index].astype(float), np.array(cuboid.spines, float), findings)

@@ -33,7 +33,8 @@ def check_ends(plan: PlanArrays, scenario: Scenario, findings: Findings) -> None
         away = 1.0 if detail else float(np.abs(here - [*gripper.position_m, gripper.opening_m]).max())
         findings.add("start_air", away, "m", limb=limb, time_s=first, detail=detail)
         turned = math.remainder(plan.gripper_yaw[0, limb] - gripper.yaw_rad, 2 * math.pi)
-        findings.add("start_air", abs(turned), "rad", limb=limb, time_s=first)
+        turned = max(abs(turned), float(np.abs(plan.gripper_tilt[0, limb]).max()))
+        findings.add("start_air", turned, "rad", limb=limb, time_s=first)
 
     off = float(np.linalg.norm(plan.body_position[-1] - goal.body.position_m))
     findings.add("goal_position", off - goal.tolerance_m, "m", time_s=last)

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.gripper_frames import gripper_rotation
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Hold, Scenario
 
@@ -24,10 +25,11 @@ from crux_planner.model.contacts import (
     Grip,
     GripperShape,
     SwingLimits,
+    off_wall_m,
     opening_for,
     yaws_in_range,
 )
-from crux_planner.model.cuboids import Cuboids
+from crux_planner.model.cuboids import Cuboids, cuboids_of
 from crux_planner.model.faces import Faces, faces_of, too_steep
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import limb_masses
@@ -39,6 +41,7 @@ from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leani
 
 MOST_CUBOIDS, MOST_WAY_M = 300, 40.0  # holds, and as many obstacles, and way that are planned at once
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
+WALL_CLEARANCE_M = 0.003  # of pads to the wall, where a hold is turned out of its plane
 TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
 LIFT_RESERVE_M = 0.006  # kept below the highest lift that the highest body allows, for a body that tilts
 FRICTION_MARGIN = 0.1  # share of the limit surface left unused
@@ -62,9 +65,8 @@ def build_problem(
     if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
         most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
         raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)
-    if scenario.uncertainty is not None and (leaning := [hold.name for hold in scenario.holds if hold.leans]):
-        expected = f"is not supported yet where faces lean, as those of {leaning[0]}"
-        raise wrong(scenario, "uncertainty", "", expected)
+    if scenario.uncertainty is not None and scenario.not_upright:
+        raise wrong(scenario, "uncertainty", "", f"is not supported yet where {scenario.not_upright}")
     _fits_one_plan(scenario)
     bounds, margins = robot.body, scenario.planner.margins
     body = BodyBounds(bounds.height_m, bounds.max_tilt_rad, bounds.max_speed_m_s, bounds.max_rate_rad_s)
@@ -75,7 +77,7 @@ def build_problem(
     fingers = gripper.open_opening_m, gripper.pad_radius_m, gripper.finger_height_m
     shape = GripperShape(*gripper.opening_m, *fingers)
     limits = _swing_limits(scenario, robot, reach.box, margins.get("clearance_m", robot.grasp.swing_clearance_m))
-    cuboids = _cuboids(scenario, heading)
+    cuboids = cuboids_of(scenario.cuboids, heading)
     contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
     contacts += [_in_air(limb, scenario, heading, cuboids, shape) for limb in scenario.start.air]
     begin = start_contacts(scenario, robot, start, contacts, unusable)
@@ -134,7 +136,7 @@ def wall_contacts(
     limits = _swing_limits(scenario, robot, reach.box, clearance_m)
     gripper, heading = robot.gripper, scenario.start.body.rpy_rad[2]
     shape = GripperShape(*gripper.opening_m, gripper.open_opening_m, gripper.pad_radius_m, gripper.finger_height_m)
-    return _contacts(scenario, robot, _cuboids(scenario, heading), shape, limits, off_centre)
+    return _contacts(scenario, robot, cuboids_of(scenario.cuboids, heading), shape, limits, off_centre)
 
 
 _KNOWN: dict[tuple[str, float], LimbReach] = {}
@@ -193,14 +195,6 @@ def _limb_contacts(
     ]
 
 
-def _cuboids(scenario: Scenario, heading: float) -> Cuboids:
-    parts = scenario.cuboids
-    if not parts:
-        return Cuboids(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
-    foot = np.array([c.position_m for c in parts]) @ rotation_z(-heading)[:2, :2].T
-    return Cuboids(foot, np.array([c.size_m for c in parts]) / 2, np.array([c.yaw_rad - heading for c in parts]))
-
-
 def _contacts(
     scenario: Scenario, robot: Robot, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits, off_centre: bool
 ) -> tuple[list[Contact], dict[tuple[int, int], str]]:
@@ -230,28 +224,29 @@ def _contacts(
             if smooth := smooth_faces(hold, pair):
                 unusable[index, pair] = f"face {smooth[0]} has friction 0, both faces of a grasp need more"
                 continue
-            middle = np.array([*cuboids.foot_h_m[index], height])
-            normal = cuboids.yaw_rad[index] + pair * np.pi / 2
-            axis = np.array([np.cos(normal), np.sin(normal), 0.0])
-            middle = middle + faces.off_m * axis + faces.aside_m * np.array([-axis[1], axis[0], 0.0])
+            yaw_rad, tilt_rad = cuboids.yaw_and_tilt(index)
+            normal = yaw_rad + pair * np.pi / 2
+            axis, across, up = gripper_rotation(normal, tilt_rad).T
+            middle = cuboids.foot_m[index] + height * up
+            middle = middle + faces.off_m * axis + faces.aside_m * across
             slack = faces.width_m / 2 - contact.patch_radius_m - EDGE_RESERVE_M
             sides = (0.0, slack, -slack) if off_centre and slack > EDGE_RESERVE_M else (0.0,)
             for side in sides:
-                centre = middle + side * np.array([-axis[1], axis[0], 0.0])
+                centre = middle + side * across
                 opening = None
                 for clearance in (limits.clearance_m, min(limits.clearance_m, TIGHT_CLEARANCE_M)):
                     given = (centre, axis, index, half, cuboids, shape, clearance, faces.lean_rad)
                     opening = opening or opening_for(*given)
-                if opening is None:
+                lowest_m = np.inf if opening is None else off_wall_m(centre, axis, opening, shape)
+                if opening is None or lowest_m < WALL_CLEARANCE_M:
                     continue
                 for yaw, swapped in yaws_in_range(normal, yaw_range):
                     one = _contact(scenario, hold, index, pair, swapped, yaw, centre, opening)
-                    contacts.append(replace(one, separation_m=2 * half, pad_radius_m=shape.pad_radius))
+                    tilt = tilt_rad if scenario.tilts else None
+                    contacts.append(replace(one, separation_m=2 * half, pad_radius_m=shape.pad_radius, tilt_rad=tilt))
             if not contacts or (contacts[-1].hold, contacts[-1].pair) != (index, pair):
-                needed = min(limits.clearance_m, TIGHT_CLEARANCE_M)
-                left = _left_m(partial(opening_for, middle, axis, index, half, cuboids, shape), needed)
-                mm = f"{1000 * left:.0f} mm beside the fingers, they need {1000 * needed:.0f} mm to open"
-                unusable[index, pair] = f"its neighbours leave {mm}"
+                opens = partial(opening_for, middle, axis, index, half, cuboids, shape)
+                unusable[index, pair] = _narrow_text(opens, lowest_m, min(limits.clearance_m, TIGHT_CLEARANCE_M))
     fingers = sorted(set(contact.spines_only.values()))
     by_spines = (replace(c, spines_only=finger) for finger in fingers for c in contacts if not c.leans)
     return contacts + [c for c in by_spines if not c.slippery], unusable
@@ -265,6 +260,15 @@ def _height_text(height_m: float, robot: Robot, patch_radius_m: float, palm_abov
     return f"it is {height_m:g} m high, {limit} that the gripper's pads and palm need"
 
 
+def _narrow_text(opens: Callable[[float], float | None], lowest_m: float, needed_m: float) -> str:
+    """Why fingers cannot open: the wall that the lower one would be so far off, or neighbours."""
+    if lowest_m < WALL_CLEARANCE_M:
+        away = f"{1000 * lowest_m:.0f} mm off the wall, they need {1000 * WALL_CLEARANCE_M:.0f} mm"
+        return f"it is turned so that a finger would be {away}"
+    mm = f"{1000 * _left_m(opens, needed_m):.0f} mm beside the fingers, they need {1000 * needed_m:.0f} mm to open"
+    return f"its neighbours leave {mm}"
+
+
 def _left_m(opening: Callable[[float], float | None], needed_m: float) -> float:
     """The most clearance, 0 at least, with which there still is an opening."""
     tried = np.linspace(needed_m, 0.0, 19)
@@ -274,7 +278,7 @@ def _left_m(opening: Callable[[float], float | None], needed_m: float) -> float:
 def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
     """Every hold and face pair that the gripper spans at all, whatever stands beside it."""
     grips = []
-    cuboids, radius = _cuboids(scenario, heading), scenario.contact.patch_radius_m
+    cuboids, radius = cuboids_of(scenario.cuboids, heading), scenario.contact.patch_radius_m
     least, most = robot.gripper.opening_m
     for index, hold in enumerate(scenario.holds):
         low = max(robot.grasp.pad_height_m[0], radius)
@@ -283,9 +287,11 @@ def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
             aside = hold.size_m[1 - pair] / 2 - radius
             if low > high or aside < 0 or not 2 * least <= hold.size_m[pair] <= 2 * most:
                 continue
-            yaw = cuboids.yaw_rad[index] + pair * np.pi / 2
-            centre = np.array([*cuboids.foot_h_m[index], (low + high) / 2])
+            yaw_rad, tilt_rad = cuboids.yaw_and_tilt(index)
+            yaw, up = yaw_rad + pair * np.pi / 2, gripper_rotation(yaw_rad, tilt_rad)[:, 2]
+            centre = cuboids.foot_m[index] + (low + high) / 2 * up
             contact = _contact(scenario, hold, index, pair, False, yaw, centre, most)
+            contact = replace(contact, tilt_rad=tilt_rad if scenario.tilts else None)
             grips.append(Grip(contact, aside, (low, high)))
     return grips
 
@@ -334,7 +340,8 @@ def _in_air(name: str, scenario: Scenario, heading: float, cuboids: Cuboids, sha
     opening = opening_for(centre, axis, hold, half, cuboids, shape, TIGHT_CLEARANCE_M) or shape.open_opening
     finger = scenario.contact.spines_only.get(name, 0)
     nothing = (np.zeros(2), np.zeros((2, 3)))
-    return Contact(hold, 0, -1, yaw, centre, 2 * half, *nothing, max(opening, half), finger, bears=False)
+    tilt = np.zeros(2) if scenario.tilts else None
+    return Contact(hold, 0, -1, yaw, centre, 2 * half, *nothing, max(opening, half), finger, bears=False, tilt_rad=tilt)
 
 
 def start_contacts(
@@ -374,7 +381,7 @@ def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int
             raise InfeasibleError(
                 "goal grasp",
                 f"goal.grasps.{limb}: {grasp.hold} cannot be gripped by faces {grasp.faces}: {unusable[key]}",
-                proven=not scenario.holds[key[0]].leans
+                proven=not scenario.not_upright
                 and (key not in spanned or bool(smooth_faces(scenario.holds[key[0]], key[1]))),
             )
         wanted[LIMB_NAMES.index(limb)] = key

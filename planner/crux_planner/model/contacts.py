@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from crux_contracts.gripper_frames import gripper_rotation
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.cuboids import Cuboids
 
 PAIR_NAMES = ("x", "y")
 FACE_NAMES = ("+x", "-x", "+y", "-y")  # by number, as limb_knot_t has them
+_NO_TILT = np.zeros(2)
+_ALONG_WALL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class Contact:
     hold: int
     pair: int  # 0: faces +x and -x, 1: +y and -y
     finger1_face: int  # as limb_knot_t: 0 +x, 1 -x, 2 +y, 3 -y
-    yaw_rad: float  # of the gripper in H
+    yaw_rad: float  # of the gripper in H, before it is tilted
     centre_h_m: Array  # (3,)
     separation_m: float
     friction: Array  # (2,) of the faces of fingers 1 and 2
@@ -57,6 +60,7 @@ class Contact:
     bears: bool = True  # False: a gripper in the air at the start; `hold` is what it surrounds, < 0 for nothing
     lean_rad: Array = field(default_factory=lambda: np.zeros(2))  # of the faces of fingers 1 and 2, see `normals`
     pad_radius_m: float = 0.0  # pads are balls that touch a leaning face beside the opening axis
+    tilt_rad: Array | None = None  # (2,) of the gripper, see model.hands; None where all of a problem are upright
 
     @property
     def grip_friction(self) -> Array:
@@ -82,7 +86,21 @@ class Contact:
     @property
     def axis(self) -> Array:
         """Opening axis e, the outward normal of finger 1's face."""
-        return np.array([np.cos(self.yaw_rad), np.sin(self.yaw_rad), 0.0])
+        return self._rotation[:, 0]
+
+    @property
+    def up(self) -> Array:
+        """The way off the hold, across the opening axis: H's z where the gripper is upright."""
+        return self._rotation[:, 2]
+
+    @property
+    def _rotation(self) -> Array:
+        return gripper_rotation(self.yaw_rad, _NO_TILT if self.tilt_rad is None else self.tilt_rad)
+
+    @property
+    def tilted(self) -> bool:
+        """Whether its gripper is not upright."""
+        return self.tilt_rad is not None and bool(self.tilt_rad.any())
 
     @property
     def leans(self) -> bool:
@@ -93,7 +111,7 @@ class Contact:
     def normals(self) -> Array:
         """(2, 3) outward normals of the faces of fingers 1 and 2, which lean off the wall."""
         c, s = np.cos(self.lean_rad), np.sin(self.lean_rad)
-        return np.asarray(np.outer(c * [1.0, -1.0], self.axis) + np.outer(s, [0.0, 0.0, 1.0]))
+        return np.asarray(np.outer(c * [1.0, -1.0], self.axis) + np.outer(s, self.up))
 
     @property
     def touch_m(self) -> Array:
@@ -105,20 +123,21 @@ class Contact:
         """(3, 5) moments about the gripper's centre of q = (s1, s2, m, n1, n2), less those on upright faces: pads touch
         beside the axis, and twist about the faces' normals.
         """
-        normals, axis, up, off = self.normals, self.axis, np.array([0.0, 0.0, 1.0]), self.touch_m
+        normals, axis, up, off = self.normals, self.axis, self.up, self.touch_m
         columns = [np.cross(off.sum(axis=0), self.tangent), np.cross(off.sum(axis=0), up)]
         columns += [normals[0] - normals[1] - 2 * axis, np.cross(off[0], axis), -np.cross(off[1], axis)]
         return np.stack(columns, axis=1)
 
     @property
     def pose(self) -> Array:
-        """(5,) x, y, z, yaw and opening of a gripper that holds on."""
-        return np.array([*self.centre_h_m, self.yaw_rad, self.separation_m / 2])
+        """(5,) x, y, z, yaw and opening of a gripper that holds on, (7,) where it has a tilt."""
+        tilt = () if self.tilt_rad is None else self.tilt_rad
+        return np.array([*self.centre_h_m, self.yaw_rad, self.separation_m / 2, *tilt])
 
     @property
     def tangent(self) -> Array:
-        """In the wall's plane, across the opening axis."""
-        return np.array([-np.sin(self.yaw_rad), np.cos(self.yaw_rad), 0.0])
+        """Across the opening axis, in the wall's plane where the gripper is upright."""
+        return self._rotation[:, 1]
 
 
 @dataclass(frozen=True)
@@ -143,6 +162,16 @@ def yaws_in_range(axis_rad: float, allowed_rad: tuple[float, float]) -> list[tup
     first = int(np.ceil((allowed_rad[0] - axis_rad) / np.pi))
     last = int(np.floor((allowed_rad[1] - axis_rad) / np.pi))
     return [(axis_rad + n * np.pi, n % 2 != 0) for n in range(first, last + 1)]
+
+
+def off_wall_m(contact_centre: Array, axis: Array, half_m: float, shape: GripperShape) -> float:
+    """How far the lower one of two pads is off the wall, their faces so far from the middle along an axis (3,);
+    infinite where these are along the wall: then their heights are what a gripper has.
+    """
+    aslant = abs(float(axis[2]))
+    if aslant < _ALONG_WALL:
+        return np.inf
+    return float(contact_centre[2] - aslant * (half_m + shape.pad_radius) - shape.pad_radius)
 
 
 def opening_for(

@@ -16,6 +16,7 @@ from crux_contracts.scenario import Obstacle
 
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.cuboids import cuboids_of
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.shapes import palm_shape
 
@@ -71,9 +72,9 @@ def foothold_ranges(
     ranges = FootholdRanges(first, along, passing, last, np.ones(4, dtype=int), np.zeros(4))
     reach = _reach(robot, yaw_rad) + CLEARANCE_M
     for obstacle in obstacles:
-        centre = rotation_z(-heading_rad)[:2, :2] @ np.array(obstacle.position_m)
-        turned = np.abs(rotation_z(obstacle.yaw_rad - heading_rad)[:2, :2])
-        half = turned @ (0.5 * np.array(obstacle.size_m[:2])) + reach
+        middle, edges = cuboids_of([obstacle], heading_rad).outline
+        centre, turned = middle[0], np.abs(rotation_z(obstacle.yaw_rad - heading_rad)[:2, :2])
+        half = turned @ edges[0] + reach
         for limb, name in enumerate(LIMB_NAMES):
             # by how much the start is outside of each side, and the goal inside; (2, 2): lower and upper, axis
             outside = np.array([centre - half - feet[limb], feet[limb] - centre - half])

@@ -81,9 +81,9 @@ def _inside_or_out(off: Array) -> Array:
     return np.where(off >= 0.0, np.inf, off)
 
 
-def wrap_near(angle_rad: Array | float, centre_rad: float) -> Array:
+def wrap_near(angle_rad: Array | float, centre_rad: Array | float) -> Array:
     """The angle plus the whole turns that bring it within half a turn of `centre_rad`."""
-    return centre_rad + (np.asarray(angle_rad, dtype=float) - centre_rad + np.pi) % (2 * np.pi) - np.pi
+    return np.asarray(centre_rad + (np.asarray(angle_rad, dtype=float) - centre_rad + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _middle(limb: Limb, joint: int) -> float:

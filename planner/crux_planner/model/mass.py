@@ -9,6 +9,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.urdf import Joint, Link
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.hands import UPRIGHT, rotations
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.limb import LimbMasses, in_reach, numbers_of_all, placed
 from crux_planner.model.placed_limb import PlacedLimb, Vector
@@ -21,7 +22,7 @@ _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def centres_of_mass(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
-    """Places (n, 3) in H for body poses (n, 6) and grippers (n, 4, 4) upright on the wall: centre and yaw of each."""
+    """Places (n, 3) in H for body poses (n, 6) and hands (n, 4, 4 or 6)."""
     to_h, limbs = _limbs_in_body(problem, poses, hands)
     moment = problem.body_moment_kg_m + np.stack(limbs.first_moment(), axis=-1).sum(axis=0)
     return np.asarray(poses[:, :3] + np.einsum("kij,kj->ki", to_h, moment / problem.mass_kg))
@@ -46,11 +47,13 @@ def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array, 
 def _limbs_in_body(problem: CentroidalProblem, poses: Array, hands: Array) -> tuple[Array, PlacedLimb]:
     """The body's rotations (n, 3, 3) and, in its frame, all limbs as one: a number of it is an array (4, n)."""
     to_h = rotation_from_rpy(poses[:, 3:])
-    x, y, z, yaw = np.moveaxis(hands, -1, 0).swapaxes(-1, -2)
+    x, y, z, yaw = np.moveaxis(hands[..., :4], -1, 0).swapaxes(-1, -2)
     place = np.stack([x, y, z], axis=-1) - poses[:, :3]
     axis = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
+    turned = None if hands.shape[-1] == UPRIGHT else rotations(hands).swapaxes(0, 1)
+    axis = axis if turned is None else turned[..., 0]
     gripper, along = (_parts(np.einsum("kji,lkj->lki", to_h, v)) for v in (place, axis))
-    up = _parts(to_h[:, 2])
+    up = _parts(to_h[:, 2]) if turned is None else _parts(np.einsum("kji,lkj->lki", to_h, turned[..., 2]))
     numbers = numbers_of_all(problem.limb_masses, gripper, up, along)
     return to_h, placed(numbers, in_reach(numbers, gripper, up), up, along)
 

@@ -11,6 +11,7 @@ from crux_contracts.scenario import BodyPose, Scenario
 
 from crux_planner.errors import PLANNED_REACH, InfeasibleError, wrong
 from crux_planner.model.arrays import Array
+from crux_planner.model.hands import hands_of, rotations
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.model.problem import BodyBounds, Pose, Problem, Weights
 
@@ -48,7 +49,7 @@ def check_body(scenario: Scenario, body: BodyBounds, start: Pose, goal: Pose) ->
 
 
 def within_limits(limb: Limb, body: Pose, gripper: Array) -> bool:
-    """Whether a limb has its gripper at x, y, z and yaw, upright, within its joint limits, with the body at a pose."""
+    """Whether a limb has its gripper (5 or 7,) there within its joint limits, with the body at a pose."""
     q, reached = _angles(limb, body, gripper)
     return reached and bool(limit_margin(limb, q) >= 0.0)
 
@@ -61,17 +62,17 @@ def missing_turn_rad(limb: Limb, body: Pose, gripper: Array) -> float:
 
 
 def _angles(limb: Limb, body: Pose, gripper: Array) -> tuple[Array, bool]:
-    to_b, (x, y, z, yaw, *_) = rotation_from_rpy(body.rpy_rad).T, gripper
-    q, reached = inverse(limb, to_b @ (np.array([x, y, z]) - body.position_m), to_b @ rotation_z(yaw))
+    to_b, hand = rotation_from_rpy(body.rpy_rad).T, hands_of(gripper)
+    q, reached = inverse(limb, to_b @ (hand[:3] - body.position_m), to_b @ rotations(hand))
     return q, bool(reached)
 
 
 def posture(robot: Robot, body: Pose, grippers: Array) -> dict[str, float]:
-    """Joint positions by name with the body at a pose and grippers (4, 5) at x, y, z, yaw and opening, upright."""
+    """Joint positions by name with the body at a pose and grippers (4, 5 or 7) as model.hands has them."""
     to_b = rotation_from_rpy(body.rpy_rad).T
     positions: dict[str, float] = {}
-    for limb, (*place, yaw, opening) in zip(robot.limbs, grippers, strict=True):
-        q, _ = inverse(limb, to_b @ (np.array(place) - body.position_m), to_b @ rotation_z(yaw))
+    for limb, hand, opening in zip(robot.limbs, hands_of(grippers), grippers[:, 4], strict=True):
+        q, _ = inverse(limb, to_b @ (hand[:3] - body.position_m), to_b @ rotations(hand))
         positions.update(zip(limb.joint_names, limb.senses * q, strict=False))
         positions.update(dict.fromkeys(limb.finger_joints, opening))
     return positions

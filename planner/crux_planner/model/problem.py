@@ -13,6 +13,7 @@ from crux_contracts.scenario import Uncertainty
 from crux_planner.model.arrays import Array
 from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import Cuboids
+from crux_planner.model.hands import TILTED, UPRIGHT
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import LimbMasses
 from crux_planner.model.schedule import Contacts, SpeedLimits, Stance
@@ -156,8 +157,18 @@ class Problem(CentroidalProblem):
 
     @property
     def leans(self) -> bool:
-        """Whether some grasp has a face that leans: proofs and bounds are about upright faces alone."""
+        """Whether some grasp has a face that leans."""
         return any(contact.leans for contact in self.contacts)
+
+    @property
+    def upright(self) -> bool:
+        """Whether all faces and cuboids are: proofs and bounds are about these alone."""
+        return self.cuboids.upright and not self.leans
+
+    @property
+    def hand_numbers(self) -> int:
+        """Of a hand, see model.hands."""
+        return UPRIGHT if all(contact.tilt_rad is None for contact in self.contacts) else TILTED
 
     @property
     def weight_N(self) -> Array:
@@ -218,7 +229,15 @@ def turned_problem(problem: Problem, yaw_rad: float) -> Problem:
     def pose(given: Pose) -> Pose:
         return Pose(to @ given.position_m, given.rpy_rad - np.array([0.0, 0.0, yaw_rad]))
 
-    contacts = [replace(c, centre_h_m=to @ c.centre_h_m, yaw_rad=c.yaw_rad - yaw_rad) for c in problem.contacts]
+    contacts = [
+        replace(
+            c,
+            centre_h_m=to @ c.centre_h_m,
+            yaw_rad=c.yaw_rad - yaw_rad,
+            tilt_rad=None if c.tilt_rad is None else to[:2, :2] @ c.tilt_rad,
+        )
+        for c in problem.contacts
+    ]
     return replace(
         problem,
         gravity_h=to @ problem.gravity_h,

@@ -12,10 +12,13 @@ import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.hands import TILTED, axes_of
 from crux_planner.model.limb import in_reach, placed
 from crux_planner.model.problem import CentroidalProblem
 from crux_planner.model.walk_problem import WalkProblem
 
+_UPRIGHT = np.array([0.0, 0.0, 1.0])
+_UP = ca.DM(_UPRIGHT)
 WRENCH_INPUTS = 5  # q = (s1, s2, m, n1, n2) of one gripper, see physics.limit_surface
 
 
@@ -36,13 +39,13 @@ def euler_rates(theta: Any, omega_b: Any) -> Any:
     return ca.vertcat(p + sp / cp * (sr * q + cr * r), cr * q - sr * r, (sr * q + cr * r) / cp)
 
 
-def gripper_wrench(q: Any, centre: Any, normal: Any, tangent: Any) -> tuple[Any, Any]:
-    """Equation (13) with (4): force, and moment about H's origin, of one gripper (casadi).
+def gripper_wrench(q: Any, centre: Any, normal: Any, tangent: Any, up: Any = _UP) -> tuple[Any, Any]:
+    """Equation (13) with (4): force, and moment about H's origin, of one gripper (casadi), its z axis `up`.
 
     With f1 = n1 e + s and f2 = -n2 e + s at c + (d/2) e and c - (d/2) e the opening d drops out: the moment is
     c x (f1 + f2) + 2 m e.
     """
-    force = (q[3] - q[4]) * normal + 2 * q[0] * tangent + 2 * q[1] * ca.DM([0, 0, 1])
+    force = (q[3] - q[4]) * normal + 2 * q[0] * tangent + 2 * q[1] * up
     return force, ca.cross(centre, force) + 2 * q[2] * normal
 
 
@@ -53,14 +56,15 @@ def next_pose(x: Any, dt: float) -> Any:
 
 
 def centre_of_mass(problem: CentroidalProblem, x: Any, hands: list[Any], numbers: Sequence[Any] | None = None) -> Any:
-    """(3,) in H for a body state and the grippers (x, y, z, yaw) (casadi); `numbers` of the limbs where they are more
+    """(3,) in H for a body state and hands (4 or 6) (casadi); `numbers` of the limbs where they are more
     than LimbMasses has.
     """
     to_b, moment = rotation(x[3:6]).T, ca.DM(problem.body_moment_kg_m)
     given = [limb.numbers for limb in problem.limb_masses] if numbers is None else numbers
     for own, hand in zip(given, hands, strict=True):
-        axis = ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
-        moment += _first_moment(own.shape[0])(own, to_b @ (hand[0:3] - x[0:3]), to_b[:, 2], to_b @ axis)
+        axis, _, up = axes_of(hand)
+        up_b = to_b[:, 2] if hand.shape[0] < TILTED else to_b @ up
+        moment += _first_moment(own.shape[0])(own, to_b @ (hand[0:3] - x[0:3]), up_b, to_b @ axis)
     return x[0:3] + to_b.T @ (moment / problem.mass_kg)
 
 
@@ -91,14 +95,16 @@ def euler_step(x: Any, force: Any, moment_origin: Any, centre: Any, p: Centroida
     return ca.vertcat(next_pose(x, p.dt_s), v + p.dt_s * acceleration, omega + p.dt_s * angular)
 
 
-def static_map(centre: Array, normal: Array, tangent: Array, leaning: Array | None = None) -> Array:
-    """(6, 4): force and moment about the origin of one gripper as a linear map of w = (s1, s2, m, n1 - n2); `leaning`
+def static_map(
+    centre: Array, normal: Array, tangent: Array, leaning: Array | None = None, up: Array = _UPRIGHT
+) -> Array:
+    """(6, 4): force and moment about the origin of one gripper as a linear map of w = (s1, s2, m, n1 - n2), shear along
+    `tangent` and `up`; `leaning`
     (3, 5) are `Contact.leaning_moments`, of whose squeeze n1 + n2 nothing is counted.
 
     In balance the forces sum to -M g, so the moment about r is the moment about the origin minus r x (-M g), which is
     linear in r: (8b) needs no linearisation.
     """
-    up = np.array([0.0, 0.0, 1.0])
     force = np.stack([2 * tangent, 2 * up, np.zeros(3), normal], axis=1)
     moment = np.cross(centre, force, axisa=0, axisb=0, axisc=0)
     moment[:, 2] += 2 * normal

@@ -53,6 +53,7 @@ class FingerLimit(NamedTuple):
 
 
 _UPRIGHT = np.zeros(2)
+_Z = np.array([0.0, 0.0, 1.0])
 
 
 def finger_limits(friction: Array, spines: Array, lean_rad: Array = _UPRIGHT) -> list[FingerLimit]:
@@ -130,16 +131,16 @@ def cone_demand(wrench: Any, spine_share: Any, k_m: float) -> Any:
 
 
 def finger_forces(
-    q: Array, normal_h: Array, tangent_h: Array, leaning_h: tuple[Array, Array] | None = None
+    q: Array, normal_h: Array, tangent_h: Array, leaning_h: tuple[Array, Array] | None = None, up_h: Array = _Z
 ) -> tuple[Array, Array]:
     """Forces (..., 2, 3) and moments on the robot of finger 1 (at +e) and 2 (at -e) for q = (s1, s2, m, n1, n2).
 
-    `normal_h` (..., 3) is e, the outward normal of finger 1's face; the shear axes are `tangent_h` and H's z. Moments
+    `normal_h` (..., 3) is e, the outward normal of finger 1's face; the shear axes are `tangent_h` and `up_h`. Moments
     are about the pads' faces on the axis. Where some faces lean, `leaning_h` are their normals (..., 2, 3), and where
     the pads touch, off the axis, (..., 2, 3).
     """
     s1, s2, twist, n1, n2 = np.moveaxis(np.asarray(q)[..., None], -2, 0)
-    shear = s1 * tangent_h + s2 * np.array([0.0, 0.0, 1.0])
+    shear = s1 * tangent_h + s2 * up_h
     forces = np.stack([n1 * normal_h + shear, -n2 * normal_h + shear], axis=-2)
     if leaning_h is None:
         return forces, np.stack([twist * normal_h] * 2, axis=-2)

@@ -20,7 +20,7 @@ _LEVEL = np.eye(3)
 
 def _map(contact: Contact) -> Array:
     moments = contact.leaning_moments if contact.leans else None
-    return static_map(contact.centre_h_m, contact.axis, contact.tangent, moments)
+    return static_map(contact.centre_h_m, contact.axis, contact.tangent, moments, contact.up)
 
 
 class StaticBalance:

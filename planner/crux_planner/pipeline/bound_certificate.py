@@ -36,7 +36,7 @@ def certify_bound(scenario: Scenario, robot: Robot, steps: int, cost: float) -> 
     It is at most `cost`, J of a plan as the checker counts it. Raises NotShownError (walks, starts in the air, others,
     walls with more sets of grips than the checker looks at) and OutsideError.
     """
-    if scenario.contact.model != "patch" or scenario.start.air or scenario.leans or not robot.closed_form:
+    if scenario.contact.model != "patch" or scenario.start.air or scenario.not_upright or not robot.closed_form:
         raise NotShownError(UNKNOWN)
     way = CheapestWay(scenario, robot, steps)
     return of_bound(way, robot, _Asked(scenario, robot, way).shown(cost), cost)

@@ -18,6 +18,7 @@ from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.checker import CheckReport, Violation, check_plan
 from crux_planner.model.arrays import Array
+from crux_planner.model.hands import TILTED
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
@@ -127,7 +128,13 @@ def _moment(plan: PlanReference, problem: Problem, body: Array, time_s: float) -
     place, rpy = plan.body(time_s)
     straight = body[interval, :POSE] + share * (body[interval + 1, :POSE] - body[interval, :POSE])
     limbs = [plan.limb(limb, interval, share) for limb in range(len(LIMB_NAMES))]
-    hands = np.array([[*(at.position_w_m @ to_w), at.yaw_w_rad - problem.heading_rad] for at in limbs])
+    tilted = problem.hand_numbers == TILTED
+    hands = np.array(
+        [
+            [*(at.position_w_m @ to_w), at.yaw_w_rad - problem.heading_rad, *(at.tilt_w_rad @ to_w[:2, :2] * tilted)]
+            for at in limbs
+        ]
+    )[:, : problem.hand_numbers]
     pose = np.concatenate([place @ to_w, rpy - heading])
     return Moment(
         interval, share, hands, np.full((len(limbs), problem.chain_slots or JOINTS), _BETWEEN_RAD), off=pose - straight

@@ -23,7 +23,7 @@ def certify_no_plan(scenario: Scenario, robot: Robot, limit_s: float = TIME_LIMI
     """A certificate that a climb has no plan; None where the checker's wider relaxation has a way, where there is not
     even a problem, of walks, starts in the air and other limbs, or when time is over.
     """
-    if scenario.contact.model != "patch" or scenario.start.air or scenario.leans or not robot.closed_form:
+    if scenario.contact.model != "patch" or scenario.start.air or scenario.not_upright or not robot.closed_form:
         return None
     try:
         proof = Proof(scenario, robot, build_problem(scenario, robot))

@@ -44,8 +44,8 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
     if session.method != "auto" and not session.robot.closed_form:
         expected = f"expected auto: the limbs of {session.robot.name} have no closed-form kinematics"
         raise wrong(scenario, "planner.method", session.method, expected)
-    if session.method != "auto" and scenario.leans:
-        raise wrong(scenario, "planner.method", session.method, "expected auto: a hold has faces that lean")
+    if session.method != "auto" and scenario.not_upright:
+        raise wrong(scenario, "planner.method", session.method, f"expected auto: {scenario.not_upright}")
     with work.part("problem", 0.0):
         problem = build_problem(scenario, session.robot)
         equilibrium = StaticEquilibrium(problem, problem.friction_share)

@@ -8,6 +8,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.errors import PLANNED_REACH, TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
+from crux_planner.model.hands import hands_of, rotations
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.model.poses import beyond_planned_reach, missing_turn_rad, point_text, within_limits
 from crux_planner.model.problem import Problem
@@ -25,6 +26,12 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
     rotation = rotation_from_rpy(problem.start.rpy_rad)
     for limb, name in enumerate(LIMB_NAMES):
         contact = problem.contacts[problem.start_contacts[limb]]
+        if contact.tilted:
+            if not within_limits(problem.limb_masses[limb].limb, problem.start, contact.pose):
+                hold = _place_text(problem, problem.start_contacts[limb])
+                text = "out of reach within the joint limits with the gripper turned as the hold is"
+                raise wrong(scenario, f"start.grasps.{name}.hold", hold, text)
+            continue
         place = rotation.T @ (contact.centre_h_m - problem.start.position_m)
         widest = problem.limb_reach.inner
         lacking = min(float(reach.beyond(limb, place).max()) for reach in (problem.boxes, widest))
@@ -95,14 +102,14 @@ def level_stance_at_goal(problem: Problem, robot: Robot) -> Stance | None:
     """
     goal = problem.goal
     centres = np.stack([c.centre_h_m for c in problem.contacts])
-    yaws = np.array([c.yaw_rad for c in problem.contacts]) - goal.body.rpy_rad[2]
+    turns = rotation_z(-goal.body.rpy_rad[2]) @ rotations(hands_of(np.array([c.pose for c in problem.contacts])))
     holds = np.array([c.hold for c in problem.contacts])
     corners = np.array([[0.0] * 3, *itertools.product((-1.0, 1.0), repeat=3)])
     for position in goal.body.position_m + goal.position_slack_m * corners:
         place = (centres - position) @ rotation_z(goal.body.rpy_rad[2])
         ends = []
         for index, limb in enumerate(robot.limbs):
-            q, reached = inverse(limb, place, rotation_z(yaws))
+            q, reached = inverse(limb, place, turns)
             ok = reached & (limit_margin(limb, q) >= 0.0)
             ok &= np.isin(np.arange(len(holds)), problem.limb_contacts[index])
             ok &= np.array([problem.may_end(index, c) for c in problem.contacts])

@@ -22,10 +22,10 @@ def farther(climb: Climb) -> Climb:
 def disproved(climb: Climb, none_near: InfeasibleError | None, held: bool = False) -> Proof | None:
     """What can be shown about the climb, where nothing quick shows that it has no plan; else raises InfeasibleError.
     That start and goal are connected is asked where something else found no plan. `held`: a body at the goal holds on
-    in balance, by the map. None where faces lean and of limbs without closed-form kinematics: nothing is shown of
-    these.
+    in balance, by the map. None where faces lean or cuboids are turned, and of limbs without closed-form kinematics:
+    nothing is shown of these.
     """
-    if climb.problem.leans or not climb.problem.closed_form:
+    if not climb.problem.upright or not climb.problem.closed_form:
         return None
     proof = Proof(climb.session.scenario, climb.session.robot, climb.problem)
     with climb.work.part("proof", 0.1):

@@ -16,6 +16,7 @@ from crux_msgs import plan_t
 
 from crux_planner.errors import FOR_ALL_REACH, FOR_ITS_REACH
 from crux_planner.model.arrays import Array
+from crux_planner.model.hands import TILTED
 from crux_planner.model.kinematics import rotation_z
 
 if TYPE_CHECKING:
@@ -172,13 +173,15 @@ def plan_message(
     loads = [*solution.wrenches, solution.wrenches[-1]]  # the last knot repeats the one before
     none = np.zeros(WRENCH_INPUTS)
     q = np.array([none if c is None else loads[i // 4][i % 4] for i, c in enumerate(held)])
-    axes, tangents = (np.array([_UP if c is None else getattr(c, name) for c in held]) for name in ("axis", "tangent"))
+    axes, tangents, ups = (
+        np.array([_UP if c is None else getattr(c, name) for c in held]) for name in ("axis", "tangent", "up")
+    )
     grips = [None if c is None else (c.hold, c.finger1_face, float(c.friction.min())) for c in held]
     leaning = None
     if problem.leans:
         parts = [(_NOWHERE, _NOWHERE) if c is None else (c.normals, c.touch_m) for c in held]
         leaning = np.array([normals for normals, _ in parts]), np.array([touch for _, touch in parts])
-    fingers = finger_forces(q, axes, tangents, leaning)
+    fingers = finger_forces(q, axes, tangents, leaning, ups)
     return _with_knots(plan, problem, solution.body, schedule.poses, fingers, grips)
 
 
@@ -208,8 +211,8 @@ def _with_knots(
     loads: tuple[Array, Array],
     grips: list[tuple[int, int, float] | None],
 ) -> Any:
-    """The plan with its knots: poses (N + 1, 4, 5) of grippers; forces and moments of their fingers (4 (N + 1), 2, 3)
-    and what they hold (hold, face of finger 1, its friction), None in the air, limb by limb of all knots.
+    """The plan with its knots: poses (N + 1, 4, 5 or 7) of grippers; forces and moments (4 (N + 1), 2, 3) of their
+    fingers and what they hold (hold, face of finger 1, its friction), None in the air, limb by limb of all knots.
     """
     to_w, heading = rotation_z(problem.heading_rad), np.array([0.0, 0.0, problem.heading_rad])
     columns = [body[:, 0:3] @ to_w.T, body[:, 3:6] + heading, body[:, 6:9] @ to_w.T, body[:, 9:12]]
@@ -218,9 +221,13 @@ def _with_knots(
     positions = (poses[..., :3] @ to_w.T).reshape(-1, 3).tolist()
     yaws = (poses[..., 3].ravel() + problem.heading_rad).tolist()
     separations = (2 * poses[..., 4].ravel()).tolist()
+    tilted = poses.shape[-1] > TILTED
+    tilt = poses[..., 5:] if tilted else np.zeros((*poses.shape[:2], 2))
+    tilts = (tilt @ to_w[:2, :2].T).reshape(-1, 2).tolist()
     for i, grip in enumerate(grips):
         limb = crux_msgs.limb_knot_t()
         limb.gripper_position_w_m, limb.gripper_yaw_w_rad = positions[i], yaws[i]
+        limb.gripper_tilt_w_rad = tilts[i]
         limb.finger_separation_m = separations[i]
         limb.finger_force_w_n, limb.finger_moment_w_nm = forces[i], moments[i]
         limb.phase = limb.AIR if grip is None else limb.STANCE
@@ -263,9 +270,10 @@ def _hold(cuboid: Any) -> Any:
     graspable = isinstance(cuboid, Hold)
     hold.name = cuboid.name
     hold.graspable = int(graspable)
-    hold.position_w_m = [*cuboid.position_m, 0.0]
+    hold.position_w_m = [*cuboid.position_m, cuboid.foot_z_m]
     hold.size_m = list(cuboid.size_m)
     hold.yaw_rad = cuboid.yaw_rad
+    hold.tilt_rad = list(cuboid.tilt_rad)
     hold.friction = list(cuboid.friction) if graspable else [0.0] * 5
     hold.spines = [int(s) for s in cuboid.spines] if graspable else [0] * 5
     hold.lean_rad = list(cuboid.lean_rad) if graspable else [0.0] * 4

@@ -9,6 +9,7 @@ from crux_contracts.scenario import Scenario
 from crux_msgs import hold_t, limb_knot_t, plan_t
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.kinematics import rotation_z
 
 _SAME = 1e-9  # m, rad: what lies within is where it was
 
@@ -71,11 +72,16 @@ def _between(held: list[int], k: int) -> list[tuple[int, float]]:
 
 
 def _move(grip: limb_knot_t, ways: list[tuple[_Moved | None, float]]) -> None:
-    place, yaw_rad = list(grip.gripper_position_w_m), grip.gripper_yaw_w_rad
+    place, yaw_rad, tilt_rad = (
+        list(grip.gripper_position_w_m),
+        grip.gripper_yaw_w_rad,
+        np.array(grip.gripper_tilt_w_rad),
+    )
     here = np.array(place[:2])
     for moved, share in ways:
         if moved is not None:
             way_m = share * moved.way_m(here)
             place = [place[0] + float(way_m[0]), place[1] + float(way_m[1]), place[2]]
             yaw_rad += share * moved.turned_rad
-    grip.gripper_position_w_m, grip.gripper_yaw_w_rad = place, yaw_rad
+            tilt_rad = rotation_z(share * moved.turned_rad)[:2, :2] @ tilt_rad
+    grip.gripper_position_w_m, grip.gripper_yaw_w_rad, grip.gripper_tilt_w_rad = place, yaw_rad, tilt_rad.tolist()

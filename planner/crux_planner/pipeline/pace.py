@@ -41,8 +41,9 @@ def paced(result: PlanResult, scenario: Scenario, robot: Robot, work: Work) -> P
     """The plan at the pace that the scenario asks for: as it is for `paper`, and where no pace passes the check."""
     if scenario.planner.objective == "paper":
         return result
-    if scenario.leans:
-        work.log(f"no pace for planner.objective {scenario.planner.objective}: not supported yet where faces lean")
+    if scenario.leans or scenario.tilts:
+        why = "not supported yet where faces lean or holds are turned"
+        work.log(f"no pace for planner.objective {scenario.planner.objective}: {why}")
         return result
     with work.part("pace", 0.95):
         formats = (plan_t.FORMAT_MOVING_FINGERS, plan_t.FORMAT_OWN_TIMES)

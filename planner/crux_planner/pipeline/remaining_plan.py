@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.hands import TILTED
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule, Stance
@@ -67,10 +68,12 @@ class RemainingPlan:
 
 
 def read_remaining(problem: Problem, running: Any, first: int) -> RemainingPlan | None:
-    """A running plan from knot `first` on, None where a grasp of it is none of the problem's.
+    """A running plan from knot `first` on, None where a grasp of it is none of the problem's, or some are tilted.
 
     `problem` starts in that knot's stance, in the heading frame H of the plan's wall.
     """
+    if problem.hand_numbers == TILTED:
+        return None
     knots = running.knots[first:]
     to_h = rotation_z(-problem.heading_rad)
     poses = np.zeros((len(knots), 4, 5))

@@ -111,6 +111,11 @@ def _rewrite(
     lost = [hold for hold in content["holds"] if hold["name"] in without]
     if lost:
         content["holds"] = [hold for hold in content["holds"] if hold["name"] not in without]
-        kept = ("name", "position_m", "size_m", "yaw_deg")
-        as_obstacles = [{key: hold[key] for key in kept if key in hold} for hold in lost]
-        content["obstacles"] = [*content.get("obstacles", []), *as_obstacles]
+        content["obstacles"] = [*content.get("obstacles", []), *map(_as_obstacle, lost)]
+
+
+def _as_obstacle(hold: dict[str, Any]) -> dict[str, Any]:
+    """The box around a hold of a file of either version."""
+    kept = ("name", "position_m", "size_m", "yaw_deg", "pose")
+    shape = {"shape": {"box_m": hold["shape"]["box_m"]}} if "shape" in hold else {}
+    return {key: hold[key] for key in kept if key in hold} | shape

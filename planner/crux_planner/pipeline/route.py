@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Scenario, parse_scenario
+from crux_contracts.scenario import Cuboid, Scenario, parse_scenario
 from crux_contracts.yaml_document import parse_mapping, values
 
 from crux_planner.errors import InfeasibleError, wrong
@@ -155,7 +155,7 @@ class _Route:
         self.goal = _Place(np.array(scenario.goal.body.position_m), np.array(scenario.goal.body.rpy_deg))
         self._reach_m = reach_m(robot)
         self._places = np.array([each.position_m for each in scenario.cuboids]).reshape(-1, 2)
-        self._extent_m = np.array([math.hypot(*each.size_m[:2]) / 2 for each in scenario.cuboids])
+        self._extent_m = np.array([_extent_m(each) for each in scenario.cuboids])
 
     def goals(self, start: _Place, share: float) -> Iterator[tuple[_Place | None, bool]]:
         """Where a part from `start` may end, None for the route's own goal, and whether it is the last part."""
@@ -213,3 +213,8 @@ def reach_m(robot: Robot) -> float:
         hand_m = 0.0 if limb.closed_form else limb.wrist_to_gripper_m  # upright below the wrist in the closed form
         lengths.append(float(np.linalg.norm(limb.shoulder_b_m)) + limb.upper_link_m + limb.lower_link_m + hand_m)
     return max(lengths) + robot.gripper.opening_m[1]
+
+
+def _extent_m(cuboid: Cuboid) -> float:
+    """Farther from its foot's middle it is nowhere, in plan view."""
+    return math.hypot(*cuboid.size_m) if cuboid.turned else math.hypot(*cuboid.size_m[:2]) / 2

@@ -166,7 +166,8 @@ def _why_not(grid: BodyGrid, name: str, contacts: list[Contact], scenario: Scena
     slack = np.array([*np.abs(grip.aside_m * grip.contact.tangent[:2]), half, 0.0])
     ruled = np.ones(grid.shape, dtype=bool)
     for contact in contacts:
-        ruled &= grid.ruled_out(reach, np.array([*grip.contact.centre_h_m, contact.yaw_rad]), slack)
+        tilt = () if contact.tilt_rad is None else contact.tilt_rad
+        ruled &= grid.ruled_out(reach, np.array([*grip.contact.centre_h_m, contact.yaw_rad, *tilt]), slack)
     span = "{:.0f} to {:.0f}".format(*np.degrees(grid.yaw_rad[[0, -1]] + least))
     if ruled.all():
         return f"outside its reach for every level body of a heading of {span} degrees (proven)"

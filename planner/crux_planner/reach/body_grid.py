@@ -12,6 +12,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.model.hands import UPRIGHT, rotations
+from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.reach import between
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.protocol import Reach
@@ -56,12 +58,28 @@ class BodyGrid:
         return yaw, *others, np.cos(yaw), np.sin(yaw)
 
     def seen(self, gripper_w: Array) -> GripperPoses:
-        """A gripper (4,) in W, x, y, z [m] and yaw, as the body has it at every cell."""
+        """A hand (4 or 6,) in W, see model.hands, as the body has it at every cell."""
+        if len(gripper_w) > UPRIGHT and gripper_w[UPRIGHT:].any():
+            return self._seen_tilted(gripper_w)
         yaw, roll, pitch, z, x, y, c, s = self._open_axes
         east, north = gripper_w[0] - x, gripper_w[1] - y
         return GripperPoses(
             c * east + s * north, c * north - s * east, gripper_w[2] - z, gripper_w[3] - yaw, roll, pitch
         )
+
+    def _seen_tilted(self, gripper_w: Array) -> GripperPoses:
+        """The same of a hand that is tilted: x, y and z are along the axes of a heading in the hand's own plane."""
+        yaw, roll, pitch = np.meshgrid(self.yaw_rad, self.roll_rad, self.pitch_rad, indexing="ij")
+        back = np.swapaxes(rotation_from_rpy(np.stack([roll, pitch, yaw], axis=-1)), -1, -2)
+        turned = GripperPoses.of(np.zeros(3), back @ rotations(gripper_w), gripper_w[3] - yaw)
+        tilt = rotation_from_rpy(np.stack([turned.roll_rad, turned.pitch_rad, np.zeros_like(yaw)], axis=-1))
+        *_, z, x, y = np.ix_(*self.axes)
+        off = gripper_w[0] - x, gripper_w[1] - y, gripper_w[2] - z
+        east, north, up = (
+            sum(along[..., i, None, None, None] * off[i] for i in range(3)) for along in np.moveaxis(tilt @ back, -2, 0)
+        )
+        angles = (each[..., None, None, None] for each in (turned.yaw_rad, turned.roll_rad, turned.pitch_rad))
+        return GripperPoses(east, north, up, *angles)
 
     def boxes(self, gripper_w: Array, slack: Array = _EXACT) -> tuple[GripperPoses, GripperPoses]:
         """Lowest and highest of `seen` over whole cells: bodies up to half a step off a cell's middle along each axis,
@@ -95,8 +113,10 @@ class BodyGrid:
         the way up.
         """
         mask = np.array(self.held(reach, gripper_w))
+        way = np.zeros(len(gripper_w))
+        way[:3] = rotations(gripper_w)[:, 2]
         for rise in np.linspace(0.0, by_m, int(np.ceil(by_m / LIFT_STEP_M)) + 1)[1:]:
-            mask &= self.held(reach, gripper_w + np.array([0.0, 0.0, rise, 0.0]))
+            mask &= self.held(reach, gripper_w + rise * way)
         return mask
 
     def apart(
@@ -120,7 +140,11 @@ class BodyGrid:
         return found
 
     def ruled_out(self, reach: Reach, gripper_w: Array, slack: Array = _EXACT) -> Flags:
-        """Cells of which no pose lets the limb hold there, or up to `slack` (4,) off, for certain."""
+        """Cells of which no pose lets the limb hold there, or up to `slack` (4,) off, for certain; none where the hand
+        is tilted.
+        """
+        if len(gripper_w) > UPRIGHT and gripper_w[UPRIGHT:].any():
+            return np.zeros(self.shape, dtype=bool)
         return np.broadcast_to(reach.cannot(*self.boxes(gripper_w, slack)), self.shape)
 
 

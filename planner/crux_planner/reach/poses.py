@@ -29,8 +29,10 @@ class GripperPoses:
     pitch_rad: Array
 
     @classmethod
-    def of(cls, place_b_m: Array, rotation_b: Array, near_rad: float = 0.0) -> GripperPoses:
-        """Of places (..., 3) and rotations (..., 3, 3) in the body frame; yaws within half a turn of `near_rad`."""
+    def of(cls, place_b_m: Array, rotation_b: Array, near_rad: Array | float = 0.0) -> GripperPoses:
+        """Of places (..., 3) and rotations (..., 3, 3) in the body frame; yaws within half a turn of `near_rad`, one or
+        (...).
+        """
         up = rotation_b[..., :, 2]
         pitch, roll = -np.arcsin(np.clip(up[..., 0], -1.0, 1.0)), np.arctan2(up[..., 1], up[..., 2])
         tilt = rotation_from_rpy(np.stack([roll, pitch, np.zeros_like(roll)], axis=-1))

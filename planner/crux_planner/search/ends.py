@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from crux_planner.model.arrays import Array, Flags
-from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.hands import UPRIGHT, hands_of, rotations
+from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import Goal, Pose, Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.reach.poses import GripperPoses
@@ -34,11 +35,7 @@ def level_aims(problem: Problem, reaches: Sequence[Reach]) -> Iterator[Problem]:
     share[:, 1, :2] = 0.0
     position = goal.body.position_m + _USED_SHARE * goal.tolerance_m * share[:, 0]
     rpy = goal.body.rpy_rad + _USED_SHARE * goal.tolerance_rad * share[:, 1]
-    hands = np.array([c.pose[:4] for c in problem.contacts])
-    cos, sin = np.cos(rpy[:, 2, None]), np.sin(rpy[:, 2, None])
-    east, north, up = np.moveaxis(hands[:, :3] - position[:, None], 2, 0)
-    yaw = hands[:, 3] - rpy[:, 2, None]
-    seen = GripperPoses(cos * east + sin * north, cos * north - sin * east, up, yaw, np.zeros(1), np.zeros(1))
+    seen = _seen(hands_of(np.array([c.pose for c in problem.contacts])), position, rpy[:, 2])
     reached = np.stack([reach.reaches(seen) for reach in reaches], axis=1) & _usable(problem, rpy[:, 2])
     worth = _worth(problem, reached, share)
     known = np.zeros(reached.shape[1:], dtype=bool)
@@ -48,6 +45,17 @@ def level_aims(problem: Problem, reaches: Sequence[Reach]) -> Iterator[Problem]:
         if (reached[best] & ~known).any():
             known |= reached[best]
             yield _aimed_at(problem, position[best], rpy[best])
+
+
+def _seen(hands: Array, position: Array, yaw_rad: Array) -> GripperPoses:
+    """Hands (C, 4 or 6) as level bodies (n, 3) with headings (n,) have them, (n, C)."""
+    cos, sin = np.cos(yaw_rad[:, None]), np.sin(yaw_rad[:, None])
+    east, north, up = np.moveaxis(hands[:, :3] - position[:, None], 2, 0)
+    ahead, aside, yaw = cos * east + sin * north, cos * north - sin * east, hands[:, 3] - yaw_rad[:, None]
+    if hands.shape[1] == UPRIGHT:
+        return GripperPoses(ahead, aside, up, yaw, np.zeros(1), np.zeros(1))
+    turned = rotation_z(-yaw_rad)[:, None] @ rotations(hands)
+    return GripperPoses.of(np.stack([ahead, aside, up], axis=-1), turned, yaw)
 
 
 def _aimed_at(problem: Problem, position: Array, rpy: Array) -> Problem:

@@ -13,6 +13,7 @@ import numpy as np
 from crux_contracts.robot import Robot
 
 from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.model.hands import hands_of
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem, turned_problem
 from crux_planner.model.schedule import Contacts
@@ -33,8 +34,8 @@ _HULL_STEP_M = 0.01
 _NEARBY = (0.15, np.inf, np.inf, 0.05, 0.06, 0.06)  # yaw, roll, pitch [rad], z, x, y [m]
 _TURN_M = 0.3  # of way that a radian of heading counts as
 
-Gripper = tuple[float, float, float, float]
-"""x, y, z [m] and yaw in H."""
+Gripper = tuple[float, ...]
+"""A hand in H, see model.hands."""
 
 
 def grid_about(problem: Problem, step_m: float, step_rad: float, pad_m: float, pad_rad: float) -> BodyGrid:
@@ -172,8 +173,8 @@ class PoseMasks:
 
 
 def gripper(pose: Array) -> Gripper:
-    """Of a pose (4 or more,)."""
-    return float(pose[0]), float(pose[1]), float(pose[2]), float(pose[3])
+    """Of a pose or a hand."""
+    return tuple(hands_of(pose).tolist())
 
 
 def grown(mask: Flags) -> Flags:

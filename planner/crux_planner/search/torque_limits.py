@@ -25,8 +25,7 @@ from crux_planner.solvers.mapped import Mapped
 
 SLACK = 1.1  # of the NLP's limits: its body may tilt
 _ROUNDS = 3  # of linearising torques about where the body came to be
-_UP = (0.0, 0.0, 1.0)
-_GRIP = 15  # numbers of a grip: place, centre, axis, tangent, gravity
+_GRIP = 18  # numbers of a grip: place, centre, axis, tangent, gravity, up
 _MOVED_M = 0.005  # torques are taken as exact so near to where they were linearised
 
 
@@ -113,9 +112,10 @@ class TorqueLimits(StaticEquilibrium):
         given, limits = [], []
         contacts = [self.problem.contacts[index] for index in support]
         for contact, limb in zip(contacts, limbs or self._likely_limbs(contacts, place), strict=True):
-            grip = (place, contact.centre_h_m, contact.axis, contact.tangent, self.gravity_h)
-            off, axis = contact.centre_h_m - place, contact.axis
-            numbers = self.problem.limb_masses[limb].at((off[0], off[1], off[2]), _UP, (axis[0], axis[1], axis[2]))
+            grip = (place, contact.centre_h_m, contact.axis, contact.tangent, self.gravity_h, contact.up)
+            off, axis, up = contact.centre_h_m - place, contact.axis, contact.up
+            at = (off[0], off[1], off[2]), (up[0], up[1], up[2]), (axis[0], axis[1], axis[2])
+            numbers = self.problem.limb_masses[limb].at(*at)
             given.append(np.concatenate([numbers, *grip]))
             limits.append(self.limits_Nm[limb])
         size = len(given[0]) - _GRIP
@@ -145,15 +145,15 @@ class TorqueLimits(StaticEquilibrium):
 
 @cache
 def _torque_map(size: int) -> Mapped:
-    """(a limb's numbers (size,), place, centre, axis, tangent, gravity) -> A (S, 4), b (S,).
+    """(a limb's numbers (size,), place, centre, axis, tangent, gravity, up) -> A (S, 4), b (S,).
 
     Torques are A @ (s1, s2, m, F) + b.
     """
     given, w = ca.SX.sym("given", size + _GRIP), ca.SX.sym("w", 4)
     ends = [0, *range(size, size + _GRIP + 3, 3)]
-    numbers, place, centre, axis, tangent, gravity = ca.vertsplit(given, ends)
-    force = 2 * w[0] * tangent + 2 * w[1] * ca.DM([0, 0, 1]) + w[3] * axis
+    numbers, place, centre, axis, tangent, gravity, up = ca.vertsplit(given, ends)
+    force = 2 * w[0] * tangent + 2 * w[1] * up + w[3] * axis
     pose = ca.vertcat(place, ca.DM.zeros(3))
-    torques = joint_torques(size)(numbers, pose, centre, axis, force, 2 * w[2] * axis, gravity)
+    torques = joint_torques(size, tilted=True)(numbers, pose, centre, axis, force, 2 * w[2] * axis, gravity, up)
     still = ca.substitute(torques, w, ca.DM.zeros(4))
     return Mapped("torque_map", [given], [ca.jacobian(torques, w), still])

@@ -14,7 +14,7 @@ def grippers_at_knots(
     """Contacts and poses of a schedule for swings, those of one limb in the order of time."""
     total = problem.steps + 1
     contacts: list[list[int | None]] = [[None] * 4 for _ in range(total)]
-    poses = np.zeros((total, 4, 5))
+    poses = np.zeros((total, 4, len(problem.contacts[0].pose)))
     for limb in range(4):
         current, since = problem.start_contacts[limb], 0
         for each in [swing for swing in airborne if swing.limb == limb]:

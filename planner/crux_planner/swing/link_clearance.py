@@ -12,8 +12,8 @@ from crux_contracts.robot import Limb
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.chain import forward
-from crux_planner.model.cuboids import Cuboids
-from crux_planner.model.kinematics import inverse, rotation_z
+from crux_planner.model.hands import hands_of, rotations
+from crux_planner.model.kinematics import inverse
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.swing.swing import Swing
@@ -33,7 +33,7 @@ class LinkClearance:
         cuboids, shape = problem.cuboids, problem.shape
         tall = cuboids.top_m > shape.finger_height + min((c.centre_h_m[2] for c in problem.contacts), default=0.0)
         self.anything = bool(tall.any())  # stands that high
-        self.tall = Cuboids(cuboids.foot_h_m[tall], cuboids.half_m[tall], cuboids.yaw_rad[tall])
+        self.tall = cuboids.some(tall)
         self._radii = problem.limb_radii_m
 
     def stance_clear(self, stance: Stance, start: Array, end: Array) -> bool:
@@ -69,13 +69,13 @@ class LinkClearance:
         return False
 
     def _standing(self, contact: int, moments: int) -> Array:
-        return np.tile(self.problem.contacts[contact].pose[:4], (moments, 1))
+        return np.tile(hands_of(self.problem.contacts[contact].pose), (moments, 1))
 
     def _limb_clear(self, limb: int, bodies: Array, grippers: Array) -> bool:
         return bool((self._gap(limb, bodies, grippers) >= CLEARANCE_M).all())
 
     def _gap(self, limb: int, bodies: Array, grippers: Array) -> Array:
-        """Least clearance (T,) of a limb, for body positions (T, 3) and gripper poses (T, 4)."""
+        """Least clearance (T,) of a limb, for body positions (T, 3) and hands (T, 4 or 6)."""
         model = self.problem.limb_masses[limb].limb
         place = grippers[:, :3] - bodies
         out = place[:, :2] - model.shoulder_b_m[:2]  # elbow and wrist are above this line, lengthened at both ends
@@ -84,13 +84,14 @@ class LinkClearance:
         margin = max(self._radii) + CLEARANCE_M
         if not len(self.tall.near(np.concatenate([shoulders - out, shoulders + out, grippers[:, :2]]), margin).yaw_rad):
             return np.full(len(bodies), np.inf)
-        q, _ = inverse(model, place, rotation_z(grippers[:, 3]))
+        turned = rotations(grippers)
+        q, _ = inverse(model, place, turned)
         if not model.closed_form:
             return self._chain_gap(model, q, bodies, grippers)
         azimuth = q[:, 0] + model.mount_rad
         out = np.stack([np.cos(azimuth) * np.cos(q[:, 1]), np.sin(azimuth) * np.cos(q[:, 1]), np.sin(q[:, 1])], axis=1)
         shoulder = bodies + model.shoulder_b_m
-        up = np.array([0.0, 0.0, 1.0])
+        up = turned[:, :, 2]
         wrist = grippers[:, :3] + model.wrist_to_gripper_m * up
         palm = grippers[:, :3] + self.problem.shape.finger_height * up
         corners = [shoulder, shoulder, shoulder + model.upper_link_m * out, wrist, palm]
@@ -107,7 +108,7 @@ class LinkClearance:
         """The same of a limb without a closed form: straight from joint to joint and to the palm, as thick as its
         thickest link.
         """
-        palm = grippers[:, :3] + np.array([0.0, 0.0, self.problem.shape.finger_height])
+        palm = grippers[:, :3] + self.problem.shape.finger_height * rotations(grippers)[:, :, 2]
         joints = bodies + forward(model.at_zero, q_rad).points_m.transpose(0, 2, 1)
         gaps = [
             self.tall.distance(a[:, None] + _ALONG[:, None] * (b - a)[:, None]).min(axis=(1, 2))
@@ -117,6 +118,6 @@ class LinkClearance:
 
 
 def _along(swing: Swing) -> Array:
-    """(T, 4) gripper poses spread over a swing."""
+    """(T, 4 or 6) hands spread over a swing."""
     poses = swing.poses(max(swing.intervals, _MOMENTS - 1))
-    return poses[np.linspace(0, len(poses) - 1, _MOMENTS).round().astype(int), :4]
+    return np.asarray(hands_of(poses)[np.linspace(0, len(poses) - 1, _MOMENTS).round().astype(int)])

@@ -1,4 +1,4 @@
-"""The way of a gripper from one grasp to the next: straight up, across above (or around) everything, straight down.
+"""The way of a gripper from one grasp to the next: straight off it, across above (or around) everything, straight on.
 
 Equation (14) is kept over the whole way as msgs/PLAN.md reads it between knots, not only at the knots: lifting and
 lowering run along the gripped faces with the fingers open, and everything in between is a polyline of one height.
@@ -12,18 +12,20 @@ import numpy as np
 from crux_planner.model.arrays import Array
 from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import Cuboids
+from crux_planner.model.hands import hands_of, rotations
 
 STEP_SHARE = 0.95  # of the distance a knot's duration allows: space for rounding
 HEIGHT_RESERVE_M = 0.002
 _SAMPLE_M = 0.01
 _ROUNDING = 1e-9
+_ROUNDS = 3  # of looking for a height at which grippers that leave or come aslant pass over all
 _BODY_SIDE = 0.5  # way that a metre nearer to the body is worth
 _CORNERS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])  # going round
 
 
 @dataclass(frozen=True)
 class Swing:
-    """A way from one contact to another; `stations` are (x, y, z, yaw, opening) at the corners of the way.
+    """A way from one contact to another; `stations` are poses (5 or 7,), see model.hands, at the corners of the way.
 
     Station 0 is above the old grasp, the last one above the new grasp. `legs` are the least numbers of intervals
     between stations, `rise` and `fall` those of the vertical ways.
@@ -42,7 +44,7 @@ class Swing:
         return self.rise + sum(self.legs) + self.fall
 
     def poses(self, intervals: int) -> Array:
-        """(intervals + 1, 5) poses at knots, from the old grasp (fingers closed on it) to the new one."""
+        """(intervals + 1, 5 or 7) poses at knots, from the old grasp (fingers closed on it) to the new one."""
         legs = list(self.legs)
         for _ in range(intervals - self.intervals):  # spare time goes to the leg with the longest steps
             steps = [np.linalg.norm(np.diff(self.stations[i : i + 2, :3], axis=0)) / n for i, n in enumerate(legs)]
@@ -70,22 +72,37 @@ def plan_swing(
     (2, 2): there the limb itself keeps off what its gripper goes around. `skip` leaves out the best ones.
     """
     for corners in _candidate_ways(start, end, cuboids, shape, limits, body_line_h_m):
-        way = _stations(start, end, corners)
-        height = _clear_height(start, end, way, cuboids, shape, limits)
-        if height is None:
+        way = _clear_way(start, end, corners, cuboids, shape, limits)
+        if way is None:
             continue
         if skip > 0:
             skip -= 1
             continue
-        way[:, 2] = max(height, start.centre_h_m[2], end.centre_h_m[2])
         reach = STEP_SHARE * limits.speed_m_s * limits.dt_s
         turn = STEP_SHARE * limits.yaw_rate_rad_s * limits.dt_s
         steps = np.abs(np.diff(way, axis=0))
-        legs = [max(1, int(np.ceil(np.linalg.norm(s[:3]) / reach)), int(np.ceil(s[3] / turn))) for s in steps]
-        rise = max(1, int(np.ceil((way[0, 2] - start.centre_h_m[2]) / reach)))
-        fall = max(1, int(np.ceil((way[-1, 2] - end.centre_h_m[2]) / reach)))
+        legs = [max(1, int(np.ceil(np.linalg.norm(s[:3]) / reach)), int(np.ceil(_turned_rad(s) / turn))) for s in steps]
+        rise, fall = (
+            max(1, int(np.ceil(np.linalg.norm(above[:3] - contact.centre_h_m) / reach)))
+            for above, contact in ((way[0], start), (way[-1], end))
+        )
         return Swing(start, end, way, tuple(legs), rise, fall)
     return None
+
+
+def _clear_way(
+    start: Contact, end: Contact, corners: list[Array], cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
+) -> Array | None:
+    """Stations at a height from which the polyline passes over all it must pass over; None where there is none. Where
+    grippers leave and come aslant, the higher they are, the farther off their holds.
+    """
+    height = max(start.centre_h_m[2], end.centre_h_m[2])
+    for _ in range(_ROUNDS if start.tilted or end.tilted else 1):
+        clear = _clear_height(start, end, _stations(start, end, corners, height), cuboids, shape, limits)
+        if clear is None:
+            return None
+        height = max(height, clear)
+    return _stations(start, end, corners, height)
 
 
 def least_intervals(contacts: list[Contact], limits: SwingLimits) -> Array:
@@ -102,10 +119,19 @@ def column_gap(points: Array, cuboids: Cuboids) -> Array:
 
 
 def footprint(pose: Array, half_length: Array | float) -> Array:
-    """Points (..., 9, 3) along the opening axis of grippers at poses (..., >= 4); half lengths (...) or one for all."""
+    """Points (..., 9, 3) along the opening axis of grippers at poses or hands (..., n); half lengths (...) or one for
+    all.
+    """
     along = np.linspace(-1.0, 1.0, 9) * np.asarray(half_length)[..., None]
-    axis = np.stack([np.cos(pose[..., 3]), np.sin(pose[..., 3]), np.zeros(pose.shape[:-1])], axis=-1)
+    axis = rotations(hands_of(pose))[..., 0]
     return np.asarray(pose[..., None, :3] + along[..., None] * axis[..., None, :])
+
+
+def palms(pose: Array, finger_height_m: float) -> Array:
+    """Poses (..., n) moved from the pads to the palm: seen from above, those of grippers aslant are beside them."""
+    moved = pose.copy()
+    moved[..., :3] += finger_height_m * rotations(hands_of(pose))[..., 2]
+    return moved
 
 
 def gripper_gap(a: Array, b: Array) -> float:
@@ -137,15 +163,22 @@ def _clear_height(
     """Height at which the polyline passes over all it must pass over; None where a cuboid is too tall for that."""
     samples = _dense(way)
     fingers = footprint(samples, samples[:, 4] + shape.pad_radius)[:, [0, -1]]
-    columns = footprint(samples, shape.half_length(samples[:, 4]))
+    length = shape.half_length(samples[:, 4])
+    columns, finger_m, palm_m = footprint(samples, length), 0.0, shape.finger_height
+    if start.tilted or end.tilted:
+        columns = np.concatenate([columns, footprint(palms(samples, shape.finger_height), length)])
+        along, across, up = np.moveaxis(rotations(hands_of(samples))[:, 2], -1, 0)
+        finger_m = float((np.abs(along) * (samples[:, 4] + 2 * shape.pad_radius)).max())
+        lowest = shape.finger_height * up - length * np.abs(along) - shape.pad_radius * np.abs(across)
+        palm_m = float(lowest.min())
     own_top = cuboids.top_m[[contact.hold for contact in (start, end) if contact.hold >= 0]]
     cuboids = cuboids.near(columns, limits.clearance_m)
     under = column_gap(fingers, cuboids) < limits.clearance_m
     beside = column_gap(columns, cuboids) < shape.pad_radius + limits.body_clearance_m
     top = cuboids.top_m
-    height = max(float(own_top.max(initial=0.0)), top[under].max(initial=0.0)) + limits.clearance_m
+    height = max(float(own_top.max(initial=0.0)), top[under].max(initial=0.0)) + limits.clearance_m + finger_m
     # What the palm passes over, or stands beside, must be lower than the palm.
-    height = max(height, (top[beside] + limits.body_clearance_m - shape.finger_height).max(initial=0.0))
+    height = max(height, (top[beside] + limits.body_clearance_m - palm_m).max(initial=0.0))
     return float(height + HEIGHT_RESERVE_M) if height + HEIGHT_RESERVE_M <= limits.max_height_m else None
 
 
@@ -167,7 +200,8 @@ def _candidate_ways(
         along, across = (length * cosine + width * sine).max(), (length * sine + width * cosine).max()
         slack = limits.clearance_m + np.array([along, across])
         to_h = np.array([[c, -s], [s, c]])
-        corners = [cuboids.foot_h_m[v] + to_h @ ((cuboids.half_m[v, :2] + slack) * sign) for sign in _CORNERS]
+        middle, half = (each[v] for each in cuboids.outline)
+        corners = [middle + to_h @ ((half + slack) * sign) for sign in _CORNERS]
         for i in range(4):  # past one corner, or along one side
             swings += [[corners[i]], [corners[i], corners[i - 1]], [corners[i - 1], corners[i]]]
 
@@ -179,28 +213,46 @@ def _candidate_ways(
     return sorted(swings, key=badness)
 
 
-def _stations(start: Contact, end: Contact, corners: list[Array]) -> Array:
-    """Stations (x, y, 0, yaw, opening) above the old grasp, at the corners, above the new grasp."""
-    plan = np.array([start.centre_h_m[:2], *corners, end.centre_h_m[:2]])
+def _stations(start: Contact, end: Contact, corners: list[Array], height_m: float) -> Array:
+    """Stations (k, 5 or 7) at a height: off the old grasp the way it is left, at the corners, off the new grasp."""
+    plan = np.array([_off(start, height_m), *corners, _off(end, height_m)])
     lengths = np.linalg.norm(np.diff(plan, axis=0), axis=1)
     share = np.concatenate([[0.0], np.cumsum(lengths)]) / max(lengths.sum(), 1e-9)
     share[-1] = 1.0
     yaw = start.yaw_rad + share * (end.yaw_rad - start.yaw_rad)
     opening = start.open_m + share * (end.open_m - start.open_m)
-    return np.column_stack([plan, np.zeros(len(plan)), yaw, opening])
+    stations = np.column_stack([plan, np.full(len(plan), height_m), yaw, opening])
+    if start.tilt_rad is None or end.tilt_rad is None:
+        return stations
+    return np.hstack([stations, start.tilt_rad + share[:, None] * (end.tilt_rad - start.tilt_rad)])
+
+
+def _off(contact: Contact, height_m: float) -> Array:
+    """(2,) where a gripper is, seen from above, that has left its hold straight up to a height."""
+    if not contact.tilted:
+        return contact.centre_h_m[:2]
+    up = contact.up
+    return np.asarray(contact.centre_h_m[:2] + (height_m - contact.centre_h_m[2]) / up[2] * up[:2])
+
+
+def _turned_rad(step: Array) -> float:
+    """The most that a gripper turns over the difference (5 or 7,) of two poses."""
+    return float(abs(step[3]) + np.linalg.norm(step[5:]))
 
 
 def _dense(way: Array) -> Array:
     """The polyline sampled every centimetre (and every twentieth of a radian)."""
     pieces = []
     for a, b in itertools.pairwise(way):
-        n = int(np.ceil(max(np.linalg.norm(b[:3] - a[:3]) / _SAMPLE_M, abs(b[3] - a[3]) / 0.05, 1.0)))
+        n = int(np.ceil(max(float(np.linalg.norm(b[:3] - a[:3])) / _SAMPLE_M, _turned_rad(b - a) / 0.05, 1.0)))
         pieces.append(_line(a, b, n))
     return np.vstack(pieces)
 
 
 def _open(contact: Contact) -> Array:
-    return np.append(contact.pose[:4], contact.open_m)
+    pose = contact.pose
+    pose[4] = contact.open_m
+    return pose
 
 
 def _line(a: Array, b: Array, intervals: int) -> Array:

@@ -3,8 +3,9 @@
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.hands import TILTED
 from crux_planner.model.problem import Problem
-from crux_planner.swing.swing import Swing, footprint, gripper_gap, palm_gap, plan_swing
+from crux_planner.swing.swing import Swing, footprint, gripper_gap, palm_gap, palms, plan_swing
 
 _CORNER_SHARE = 0.5  # of the clearance among grippers, at the corners of palms that are turned against each other
 
@@ -21,7 +22,7 @@ class SwingCache:
         shape = problem.shape
         poses = np.stack([c.pose for c in problem.contacts])
         widest = max(c.separation_m / 2 for c in problem.contacts)
-        self._standing = footprint(poses, shape.half_length(widest) - shape.pad_radius)
+        self._standing = self._seen_from_above(poses, shape.half_length(widest) - shape.pad_radius)  # (C, 1 or 2, 9, 3)
         self._touching = 2 * shape.pad_radius + problem.swing.body_clearance_m
 
     def swing(self, start: int, end: int) -> Swing | None:
@@ -64,7 +65,7 @@ class SwingCache:
 
     def apart(self, standing: int, other: int) -> bool:
         """Whether grippers on two contacts keep clear of each other."""
-        return self._apart(self._standing[standing][None], self._standing[other][None])
+        return self._apart(self._standing[standing], self._standing[other])
 
     @property
     def any_forbidden(self) -> bool:
@@ -99,7 +100,7 @@ class SwingCache:
     def _clear(self, move: tuple[int, int], standing: int) -> bool:
         key = (*move, standing)
         if key not in self._gaps:
-            self._gaps[key] = self._apart(self._column(move), self._standing[standing][None])
+            self._gaps[key] = self._apart(self._column(move), self._standing[standing])
         return self._gaps[key]
 
     def _apart(self, a: Array, b: Array) -> bool:
@@ -115,8 +116,16 @@ class SwingCache:
         if move not in self._columns:
             swing, shape = self.way(*move), self.problem.shape
             poses = swing.poses(max(3 * swing.intervals, 12))
-            self._columns[move] = footprint(poses, shape.half_length(float(poses[:, 4].max())) - shape.pad_radius)
+            length = shape.half_length(float(poses[:, 4].max())) - shape.pad_radius
+            self._columns[move] = self._seen_from_above(poses, length).reshape(-1, 9, 3)
         return self._columns[move]
+
+    def _seen_from_above(self, poses: Array, half_length: Array) -> Array:
+        """Footprints (n, 1, 9, 3) of grippers; (n, 2, 9, 3), those of the palms too, where some are aslant."""
+        seen = [footprint(poses, half_length)]
+        if self.problem.hand_numbers == TILTED:
+            seen.append(footprint(palms(poses, self.problem.shape.finger_height), half_length))
+        return np.stack(seen, axis=1)
 
 
 def _palms(footprints: Array, half_width: float) -> Array:

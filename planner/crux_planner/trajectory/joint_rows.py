@@ -20,6 +20,7 @@ from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.chain_limb import followed, way_in
+from crux_planner.model.hands import axes_of, hands_of
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import body_bounds
@@ -87,16 +88,17 @@ class JointFunctions(StageFunctions):
         masses = [each.numbers for each in self.problem.limb_masses]
 
         def read() -> Mapped:
-            given = [reach.limb for reach in self.reaches], self.ends.of_limb, masses
+            given = [reach.limb for reach in self.reaches], self.ends.of_limb, masses, self.problem.hand_numbers
             return Mapped.kept(("joints", given), self._make_placed)
 
-        return Mapped.once(("joints", _Same(self.reaches), np.array(masses).tobytes()), read)
+        own = _Same(self.reaches), np.array(masses).tobytes(), self.problem.hand_numbers
+        return Mapped.once(("joints", *own), read)
 
     def _make_placed(self) -> Mapped:
         x, hands = ca.SX.sym("x", BODY_STATES), ca.SX.sym("hands", self.hand_numbers)
-        joints, places, numbers = [], [], self.limb_numbers(hands)
+        joints, places, numbers, count = [], [], self.limb_numbers(hands), self.problem.hand_numbers
         for i, reach in enumerate(self.reaches):
-            at = x[0:3], x[3:6], hands[4 * i : 4 * i + 4]
+            at = x[0:3], x[3:6], hands[count * i : count * (i + 1)]
             closed = reach.limb.closed_form
             angles, frames = _posture(reach.limb, *at) if closed else _chain_posture(reach.limb, numbers[i], *at)
             joints.append(angles)
@@ -109,16 +111,16 @@ class JointFunctions(StageFunctions):
         return Mapped("joints", [x, hands, multiplier], [rows, ca.jacobian(rows, x)[:, :POSE], hessian])
 
     def reach_at(self, body: Array, grippers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
-        """As in StageFunctions; of `grippers`: hands (n, 16) x, y, z and yaw, and planes as `packed`."""
-        knots, first = len(body), self.joint_rows
-        normals, one, other = unpacked(grippers[:, 16:])
+        """As in StageFunctions; of `grippers`: hands (n, 16 or 24), and planes as `packed`."""
+        knots, first, hands = len(body), self.joint_rows, 4 * self.problem.hand_numbers
+        normals, one, other = unpacked(grippers[:, hands:])
         at, count = np.arange(knots)[:, None], self.ends.count
         weighed = normals * multiplier[:, first:, None]
         on_ends = np.zeros((knots, count + 1, 3))
         np.add.at(on_ends, (at, one), weighed)
         np.add.at(on_ends, (at, other), -weighed)
         given = np.concatenate([multiplier[:, :first], on_ends[:, :count].reshape(knots, -1)], axis=1)
-        values, slopes, hessian = self._placed(body, self.with_seeds(body, grippers[:, :16]), given)
+        values, slopes, hessian = self._placed(body, self.with_seeds(body, grippers[:, :hands]), given)
         places, moved = np.zeros((knots, count + 1, 3)), np.zeros((knots, count + 1, 3, POSE))
         places[:, :count] = values[:, first:].reshape(knots, count, 3)
         moved[:, :count] = slopes[:, first:].reshape(knots, count, 3, POSE)
@@ -132,7 +134,7 @@ class JointFunctions(StageFunctions):
         known = self._known.get(id(schedule))
         if known is None or known[0] is not schedule:
             path = self.limits.path[1:, :POSE]
-            given = path, schedule.poses[1:, :, :4], np.full(len(path), OFF_M)
+            given = path, hands_of(schedule.poses[1:]), np.full(len(path), OFF_M)
             known = self._known[id(schedule)] = schedule, planes_about(self.ends, *given)
         return known[1]
 
@@ -162,13 +164,13 @@ class JointFunctions(StageFunctions):
         as near to these as links keep far enough off each other.
         """
         path = body.copy()
-        given = first[:, :POSE], body[:, :POSE], schedule.poses[:, :, :4], np.full(len(path), OFF_M)
+        given = first[:, :POSE], body[:, :POSE], hands_of(schedule.poses), np.full(len(path), OFF_M)
         path[:, :POSE] = farthest_clear(self.reaches, *given)
         return replace(limits, path=path)
 
     def grippers(self, schedule: Schedule) -> Array:
-        """(N, 16 + 5 R) of knots 1..N."""
-        return _given(schedule.poses[1:, :, :4], self.planes(schedule))
+        """(N, 16 + 5 R) of knots 1..N; 24 for 16 where grippers are tilted."""
+        return _given(hands_of(schedule.poses[1:]), self.planes(schedule))
 
     def body_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
         """As usual, and near the path at knots at which limbs would be in each other's way elsewhere."""
@@ -209,18 +211,16 @@ class JointFunctions(StageFunctions):
 
 
 def _given(hands: Array, planes: Planes) -> Array:
-    """(n, 16 + 5 R) of hands (n, 4, 4)."""
+    """(n, 16 + 5 R) of hands (n, 4, 4); 24 where they are tilted."""
     return np.concatenate([hands.reshape(len(hands), -1), planes.packed], axis=1)
 
 
 def _posture(limb: Limb, r: Any, theta: Any, hand: Any) -> tuple[Any, list[tuple[Any, Any, Any, Any]]]:
-    """Rows (6,) of the joints of a limb with its gripper at hand (x, y, z, yaw), and origin and axes of the frames of
+    """Rows (6,) of the joints of a limb with its gripper at hand (4 or 6,), and origin and axes of the frames of
     its capsules, by number, in the body frame (casadi).
     """
     back = rotation(theta).T
-    place, up = back @ (hand[0:3] - r), back[:, 2]
-    along = back @ ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
-    across = back @ ca.vertcat(-ca.sin(hand[3]), ca.cos(hand[3]), 0)
+    place, (along, across, up) = back @ (hand[0:3] - r), (back @ axis for axis in axes_of(hand))
     wrist = place + limb.wrist_to_gripper_m * up - ca.DM(limb.shoulder_b_m)
     l1, l2 = limb.upper_link_m, limb.lower_link_m
     radius = ca.sqrt(wrist[0] ** 2 + wrist[1] ** 2 + 1e-12)
@@ -261,8 +261,7 @@ def _chain_posture(
 ) -> tuple[Any, dict[int, tuple[Any, Any, Any, Any]]]:
     """The same of a limb without a closed form, whose `numbers` have what its kinematics start from (casadi)."""
     back = rotation(theta).T
-    place, up = back @ (hand[0:3] - r), back[:, 2]
-    along = back @ ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
+    place, (along, _, up) = back @ (hand[0:3] - r), (back @ axis for axis in axes_of(hand))
     angles, origins, _, turned = followed(numbers, *((v[0], v[1], v[2]) for v in (place, up, along)))
     frames = {HAND: (place, along, ca.cross(up, along), up)}
     for frame, i in LINK_OF.items():

@@ -132,11 +132,13 @@ def _add_dynamics(qp: CentroidalQp, balance: StaticBalance, contacts: Indices, p
 def _pull(qp: CentroidalQp, problem: Problem, contacts: Indices, rho: float, target: Eta, scales: Scales) -> None:
     """rho / 2 |lambda - target|^2 of the grippers' fingers."""
     k, limb = qp.places.T
-    axis, tangent = (np.array([getattr(problem.contacts[c], of) for c in contacts]) for of in ("axis", "tangent"))
+    axis, tangent, up = (
+        np.array([getattr(problem.contacts[c], of) for c in contacts]) for of in ("axis", "tangent", "up")
+    )
     fingers = np.stack([2 * limb, 2 * limb + 1], axis=1)
     forces, moments = target.forces[k[:, None], fingers], target.moments[k[:, None], fingers]
     shear, twist = forces.mean(axis=1), moments.mean(axis=1)
-    parts = [(shear, tangent), (shear, [0.0, 0.0, 1.0]), (twist, axis), (forces[:, 0], axis), (-forces[:, 1], axis)]
+    parts = [(shear, tangent), (shear, up), (twist, axis), (forces[:, 0], axis), (-forces[:, 1], axis)]
     wanted = np.stack([(vector * along).sum(axis=1) for vector, along in parts], axis=1)
     force, moment = scales.force**2, scales.moment**2
     qp.squares(qp.inputs, rho / 2 * np.array([2 * force, 2 * force, 2 * moment, force, force]), wanted)

@@ -14,7 +14,8 @@ from itertools import combinations, product
 import numpy as np
 
 from crux_planner.model.arrays import Array, Flags, Indices
-from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.model.hands import rotations
+from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.reach import solids
 from crux_planner.reach.between import gap_m, way_between
 from crux_planner.reach.poses import GripperPoses
@@ -78,7 +79,7 @@ class Ends:
 
 
 def planes_about(ends: Ends, path: Array, hands: Array, apart_m: Array) -> Planes:
-    """For body poses (N, 6), grippers (N, 4, 4) x, y, z and yaw, and what links keep off each other and off the trunk
+    """For body poses (N, 6), hands (N, 4, 4 or 6), and what links keep off each other and off the trunk
     (N,). What is asked for beyond `OFF_M` is so much more than the path has at most.
     """
     seen = _seen(path, hands)
@@ -125,9 +126,9 @@ def _off_trunk_m(reach: Reach, links: Links) -> Array:
 
 def _seen(path: Array, hands: Array) -> list[GripperPoses]:
     """The grippers as the body has them, limb by limb."""
-    turn = np.swapaxes(rotation_from_rpy(path[:, 3:6]), 1, 2)
+    turn, hand = np.swapaxes(rotation_from_rpy(path[:, 3:6]), 1, 2), rotations(hands)
     places = [(turn @ (hands[:, limb, :3] - path[:, :3])[..., None])[..., 0] for limb in range(hands.shape[1])]
-    return [GripperPoses.of(place, turn @ rotation_z(hands[:, limb, 3])) for limb, place in enumerate(places)]
+    return [GripperPoses.of(place, turn @ hand[:, limb]) for limb, place in enumerate(places)]
 
 
 _Row = tuple[Array, int, int, Array]

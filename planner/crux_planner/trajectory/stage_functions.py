@@ -18,6 +18,7 @@ from crux_contracts.robot_bounds import JOINTS
 
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.chain_limb import Layout
+from crux_planner.model.hands import TILTED, rotations
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.limb import NUMBERS
 from crux_planner.model.problem import BODY_STATES, Problem
@@ -27,7 +28,7 @@ from crux_planner.physics.cost import body_cost, wrench_cost
 from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench, next_pose
 from crux_planner.physics.limit_surface import in_face, surface_slack
 from crux_planner.physics.reach import offset_in_body
-from crux_planner.physics.torque import GRASP, LEANING, held_torques, leaning_moment
+from crux_planner.physics.torque import GRASP, LEANING, UP, held_torques, leaning_moment, up_of
 from crux_planner.solvers.mapped import Mapped
 
 FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that the numbers are of order one
@@ -120,7 +121,7 @@ class StageFunctions:
         return int(self.surface.function.size1_out(0))
 
     def step(self, body: Array, totals: Array, hands: Array, multipliers: Array) -> Any:
-        """F, dF/dx, dF/dW, d2(lF)/dx2, d2(lF)/dxdW at (n, 12), (n, 6), grippers' places and yaws (n, 16), (n, 12).
+        """F, dF/dx, dF/dW, d2(lF)/dx2, d2(lF)/dxdW at (n, 12), (n, 6), hands (n, 16 or 24), (n, 12).
 
         Second derivatives take the centre of mass as linear in the pose.
         """
@@ -135,18 +136,18 @@ class StageFunctions:
 
     @property
     def hand_numbers(self) -> int:
-        """Of four hands: 16, and where there is no closed form what kinematics start from."""
-        return 16 + 4 * self.layout.seed
+        """Of four hands, and where there is no closed form what kinematics start from."""
+        return 4 * self.problem.hand_numbers + 4 * self.layout.seed
 
     def with_seeds(self, body: Array, hands: Array) -> Array:
-        """(n, `hand_numbers`) of body states (n, 12) and hands (n, 16) x, y, z and yaw."""
+        """(n, `hand_numbers`) of body states (n, 12) and hands (n, 16 or 24)."""
         if self.problem.closed_form:
             return hands
         seeds = []
         for limb, hand in enumerate(np.split(hands, 4, axis=1)):
-            axis = np.stack([np.cos(hand[:, 3]), np.sin(hand[:, 3]), np.zeros(len(hand))], axis=1)
-            limbs = np.full(len(hand), limb)
-            numbers = self._numbers_at(limbs, body[:, :POSE], np.hstack([hand[:, :3], axis]))
+            turned, limbs = rotations(hand), np.full(len(hand), limb)
+            grasp = np.hstack([hand[:, :3], turned[:, :, 0], turned[:, :, 1], turned[:, :, 2]])
+            numbers = self._numbers_at(limbs, body[:, :POSE], grasp)
             seeds.append(numbers[:, self.layout.chain :])
         return np.hstack([hands, *seeds])
 
@@ -155,14 +156,17 @@ class StageFunctions:
         own = [ca.DM(limb.numbers) for limb in self.problem.limb_masses]
         if self.problem.closed_form:
             return own
-        return [ca.vertcat(*each) for each in zip(own, ca.vertsplit(hands[16:], self.layout.seed), strict=True)]
+        return [
+            ca.vertcat(*each)
+            for each in zip(own, ca.vertsplit(hands[4 * self.problem.hand_numbers :], self.layout.seed), strict=True)
+        ]
 
     @property
     def _step(self) -> Mapped:
         """Also of inertia (9) and gravity (3), which the start's posture and heading decide."""
         p = self.problem
         own = tuple(self._numbers.ravel().tolist()), tuple(p.body_moment_kg_m.tolist()), p.mass_kg
-        given = "step", own, p.dt_s, p.chain_slots
+        given = "step", own, p.dt_s, p.chain_slots, p.hand_numbers
         return Mapped.once(given, lambda: Mapped.kept(given, self._make_step))
 
     def _make_step(self) -> Mapped:
@@ -177,7 +181,9 @@ class StageFunctions:
         outputs = [step, ca.jacobian(step, x), ca.jacobian(step, total), ca.jacobian(slope, x)]
         outputs.append(ca.jacobian(slope, total))
         linear = ca.Function("linear", [x, total, multiplier, turning, at, by_pose, pose], outputs)
-        centre = centre_of_mass(p, x, ca.vertsplit(hands[:16], 4), self.limb_numbers(hands))
+        centre = centre_of_mass(
+            p, x, ca.vertsplit(hands[: 4 * p.hand_numbers], p.hand_numbers), self.limb_numbers(hands)
+        )
         by_pose = ca.jacobian(centre, x)[:, :POSE]
         return Mapped("step", arguments, linear(x, total, multiplier, turning, centre, by_pose, x[:POSE]))
 
@@ -203,7 +209,8 @@ class StageFunctions:
         8): cosine and sine of both; multipliers (n, m).
         """
         p = self.problem
-        return Mapped.once(("surface", p.limit_surface, p.patch.k_m, p.leans), self._make_surface)
+        given = "surface", p.limit_surface, p.patch.k_m, p.leans, tuple(self.scale)
+        return Mapped.once(given, self._make_surface)
 
     def _make_surface(self) -> Mapped:
         p, scale = self.problem, self.scale
@@ -245,6 +252,8 @@ class StageFunctions:
         to_b = np.swapaxes(rotation_from_rpy(poses[:, 3:]), 1, 2)
         off = (to_b @ (grasps[:, :3] - poses[:, :3])[..., None])[..., 0].T
         axis, up = (to_b @ grasps[:, 3:6, None])[..., 0].T, to_b[:, :, 2].T
+        if self.problem.hand_numbers == TILTED:
+            up = (to_b @ grasps[:, GRASP : GRASP + UP, None])[..., 0].T
         found = np.zeros((len(limbs), self.layout.chain + self.layout.seed))
         for limb, masses in enumerate(self.problem.limb_masses):
             at = np.flatnonzero(limbs == limb)
@@ -255,7 +264,8 @@ class StageFunctions:
     @property
     def grasp_numbers(self) -> int:
         """Of a grasp, as physics.torque takes it."""
-        return GRASP + (LEANING if self.problem.leans else 0)
+        tilted, leans = self.problem.hand_numbers == TILTED, self.problem.leans
+        return GRASP + (UP if tilted else 0) + (LEANING if leans else 0)
 
     @cached_property
     def _torque_given(self) -> _TorqueGiven:
@@ -274,11 +284,11 @@ class StageFunctions:
     @cached_property
     def wrench_maps(self) -> Mapped:
         """(n, 6, 5): force and moment about the origin for scaled q, at grasps (n, `grasp_numbers`)."""
-        return Mapped.once(("wrench", tuple(self.scale), self.problem.leans), self._make_wrench_maps)
+        return Mapped.once(("wrench", tuple(self.scale), self.grasp_numbers), self._make_wrench_maps)
 
     def _make_wrench_maps(self) -> Mapped:
         q, grasp = ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", self.grasp_numbers)
-        force, moment = gripper_wrench(q * self.scale, grasp[0:3], grasp[3:6], grasp[6:9])
+        force, moment = gripper_wrench(q * self.scale, grasp[0:3], grasp[3:6], grasp[6:9], *up_of(grasp))
         if self.problem.leans:
             moment += leaning_moment(grasp, q * self.scale)
         return Mapped("wrench", [grasp], [ca.jacobian(ca.vertcat(force, moment), q)])

@@ -13,6 +13,7 @@ import numpy as np
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.contacts import Contact
+from crux_planner.model.hands import UPRIGHT, hands_of
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import wrench_bounds
@@ -57,9 +58,10 @@ class StageProblem:
         n = self.knots = problem.steps
         contacts = [[problem.contacts[c] if c is not None else None for c in knot] for knot in schedule.contacts[:n]]
         self.stance: Flags = np.array([[c is not None for c in knot] for knot in contacts])
-        up = [0.0, 0.0, 0.0, *_AWAY, 0.0, 1.0, 0.0]
-        grasps = [[up if c is None else [*c.centre_h_m, *c.axis, *c.tangent] for c in knot] for knot in contacts]
-        self.grasps, none = np.array(grasps), np.zeros(2)
+        self.grasps, none = (
+            np.array([[_grasp(c, problem.hand_numbers) for c in knot] for knot in contacts]),
+            np.zeros(2),
+        )
         friction = np.array([[none if c is None else c.grip_friction for c in knot] for knot in contacts])
         spiny = np.array([[none if c is None else c.spines.any(axis=1) for c in knot] for knot in contacts])
         self.fingers = np.concatenate([problem.friction_share * friction, spiny], axis=-1)
@@ -71,7 +73,7 @@ class StageProblem:
         self.rough = np.repeat(rough, functions.surface_rows // 2, axis=-1)
         self.by_spines = self.stance & ~rough.all(axis=-1)
         self.grippers = functions.grippers(schedule)
-        self.hands = schedule.poses[:-1, :, :4].reshape(n, 16)
+        self.hands = hands_of(schedule.poses[:-1]).reshape(n, -1)
         places = np.array(sorted(limited), dtype=int).reshape(-1, 2).T
         self.limited: tuple[Indices, Indices] = (places[0], places[1])  # knots and limbs
         self.between = functions.between()
@@ -360,6 +362,15 @@ class StageProblem:
         np.add.at(body, self.limited[0], both[:, :BODY_STATES])
         columns[(*self.limited, slice(WRENCH_INPUTS))] += both[:, BODY_STATES:]
         return body, columns
+
+
+def _grasp(contact: Contact | None, hand_numbers: int) -> list[float]:
+    """What physics.torque has of a grasp, less what is of leaning faces; any in the air."""
+    of_air = [0.0, 0.0, 0.0, *_AWAY, 0.0, 1.0, 0.0]
+    found = of_air if contact is None else [*contact.centre_h_m, *contact.axis, *contact.tangent]
+    if hand_numbers == UPRIGHT:
+        return found
+    return [*found, *((0.0, 0.0, 1.0) if contact is None else contact.up)]
 
 
 def _convex(hessians: Array) -> Array:

@@ -27,7 +27,7 @@ class GraspRetry {
   int limb() const { return limb_; }                       ///< that opens for another try; -1: none
   /// From where the limb grips as planned to where it tries next, in W.
   Vector3 shift_W_m(const LimbReference& reference) const noexcept {
-    return (tries_[limb_] % 2 == 0 ? -kShift_m : kShift_m) * Vector3::UnitZ().cross(reference.finger_axis_W());
+    return (tries_[limb_] % 2 == 0 ? -kShift_m : kShift_m) * reference.gripper_rotation_W().col(1);
   }
 
   /// Keeps the fingers of limb() open, as they are on their way to the hold.

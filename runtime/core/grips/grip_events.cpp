@@ -122,17 +122,19 @@ void Grips::search_hold(const CycleView& now, PlanClock& clock, LimbController& 
   } else if (clock.waiting_for() == WaitingFor::kArrive && clock.waiting_limb() == l && clock.waited_s() > kBlocked_s &&
              limb.runs_against() && !now.health.force_torque_distrusted[l]) {
     const ControlParameters& control = now.robot.control;
-    const Vector3 axis_W = reference.finger_axis_W();
+    const Vector3 axis_W = reference.finger_axis_W(), off_W = reference.off_W();
     const Wrench& wrench_W = limb.wrench_W();
-    const double open_m = limb.fingers().opening_m(), at_m = pressed_along_m(wrench_W, axis_W);
-    const bool finger = wrench_W.force_N.z() > control.contact_force_N && std::abs(at_m) > kFinger * open_m;
+    const double pressed_N = wrench_W.force_N.dot(off_W);
+    const double open_m = limb.fingers().opening_m(), at_m = pressed_along_m(wrench_W, axis_W, off_W);
+    const bool finger = pressed_N > control.contact_force_N && std::abs(at_m) > kFinger * open_m;
     const int k = clock.now().interval;
     const LimbKnot& grasp = now.plan->limbs[clock.now().back ? std::max(k - 1, 0) : k + 1][l];
     const double slack_m = reference.open_m - grasp.finger_opening_m;
     const Vector3 shift_W_m = std::copysign(slack_m, at_m) * axis_W;
-    aims_anew = finger && search.begin(missed_W_m.z(), shift_W_m, control.max_contact_offset_m);
-    const bool hand = wrench_W.force_N.z() > control.contact_force_N && !finger && events.opened;
-    if (hand && missed_W_m.head<2>().norm() <= now.robot.supervisor.arrive_tolerance_m) search.stand();
+    aims_anew = finger && search.begin(missed_W_m.dot(off_W), off_W, shift_W_m, control.max_contact_offset_m);
+    const bool hand = pressed_N > control.contact_force_N && !finger && events.opened;
+    const Vector3 aside_W_m = missed_W_m - missed_W_m.dot(off_W) * off_W;
+    if (hand && aside_W_m.norm() <= now.robot.supervisor.arrive_tolerance_m) search.stand();
   }
   events.arrived = events.arrived || search.stands();
   if (aims_anew) limb.aim_beside(search.beside_W_m(), reference);
@@ -147,7 +149,8 @@ void Grips::touch_wall(const CycleView& now, PlanClock& clock, LimbController& l
   const LimbReference& reference = now.reference.limbs[l];
   const GripperDescription& gripper = now.robot.gripper;
   WallTouch& touch = touches_[l];
-  if (reference.phase != LimbPhase::kDescend || reference.back) return touch.reset();
+  // A gripper that comes down aslant does not come down on the wall.
+  if (reference.phase != LimbPhase::kDescend || reference.back || !reference.upright()) return touch.reset();
   const LimbKnot& grasp = now.plan->limbs[clock.now().interval + 1][l];
   const double touching_m = crux::touching_m(grasp.hold_top_m, gripper.pad_radius_m, gripper.finger_height_m);
   const Vector3 gripper_W_m = limb.gripper_W_m(now.body_W);

@@ -8,9 +8,9 @@
 
 namespace crux {
 
-/// Where along `axis_W`, seen from the gripper, what presses it off the wall does so [m].
-inline double pressed_along_m(const Wrench& wrench_W, const Vector3& axis_W) noexcept {
-  return -wrench_W.moment_Nm.dot(Vector3::UnitZ().cross(axis_W)) / wrench_W.force_N.z();
+/// Where along `axis_W`, seen from the gripper, what presses it off its hold, along `off_W`, does so [m].
+inline double pressed_along_m(const Wrench& wrench_W, const Vector3& axis_W, const Vector3& off_W) noexcept {
+  return -wrench_W.moment_Nm.dot(off_W.cross(axis_W)) / wrench_W.force_N.dot(off_W);
 }
 
 /// Of one limb, on its way to one hold.
@@ -21,14 +21,15 @@ class HoldSearch {
 
   void reset() noexcept { *this = HoldSearch(); }
 
-  /// The gripper stands `above_m` over where it is to be: it goes up, and over by `shift_W_m`, as far as `most_m` from
-  /// where it was sent. False where it has been there.
-  bool begin(double above_m, const Vector3& shift_W_m, double most_m) noexcept {
+  /// The gripper stands `above_m` over where it is to be, along `off_W`: it goes up, and over by `shift_W_m`, as far as
+  /// `most_m` from where it was sent. False where it has been there.
+  bool begin(double above_m, const Vector3& off_W, const Vector3& shift_W_m, double most_m) noexcept {
     const Vector3 next_W_m = clamped_norm(beside_W_m_ + shift_W_m, most_m);
     if (tries_ == kTries || (next_W_m - beside_W_m_).norm() < kReached_m) return false;
     ++tries_;
     next_W_m_ = next_W_m;
-    beside_W_m_.z() = above_m + kClear_m;
+    up_W_m_ = (above_m + kClear_m) * off_W;
+    beside_W_m_ += up_W_m_ - beside_W_m_.dot(off_W) * off_W;
     enter(Step::kUp);
     return true;
   }
@@ -37,8 +38,7 @@ class HoldSearch {
   bool advance(double distance_m, double dt_s) noexcept {
     time_s_ += dt_s;
     if (distance_m > kReached_m && time_s_ < kMost_s) return false;
-    const double z_m = step_ == Step::kUp ? beside_W_m_.z() : 0.0;
-    beside_W_m_ = next_W_m_ + z_m * Vector3::UnitZ();
+    beside_W_m_ = next_W_m_ + (step_ == Step::kUp ? up_W_m_ : Vector3::Zero());
     enter(step_ == Step::kUp ? Step::kOver : Step::kNone);
     return true;
   }
@@ -68,6 +68,7 @@ class HoldSearch {
   double time_s_ = 0.0;
   Vector3 beside_W_m_ = Vector3::Zero();
   Vector3 next_W_m_ = Vector3::Zero();
+  Vector3 up_W_m_ = Vector3::Zero();
 };
 
 }  // namespace crux

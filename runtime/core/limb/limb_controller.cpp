@@ -108,7 +108,7 @@ void LimbController::pose_error(const LimbReference& reference, const Pose& body
                                 double& angle_rad) const noexcept {
   const Pose gripper_W = body_W * state_.gripper_B;
   distance_m = (gripper_W.position_m - reference.gripper_position_W_m).norm();
-  angle_rad = rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()).norm();
+  angle_rad = rotation_log(gripper_W.rotation * reference.gripper_rotation_W().transpose()).norm();
 }
 
 void LimbController::engage(const LimbReference& reference, const Pose& body_W, bool begun) noexcept {
@@ -123,7 +123,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W, 
   known_ = {};
   contact_offset_W_m_ = in_contact_ ? clamped_norm(off_m, control_.max_contact_offset_m) : Vector3::Zero();
   admittance_.reset(off_m - contact_offset_W_m_,
-                    rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
+                    rotation_log(gripper_W.rotation * reference.gripper_rotation_W().transpose()));
   fingers_.engage();
   aim_W_ = body_W;
   goal_B_ = state_.gripper_B;
@@ -168,13 +168,13 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
 }
 
 Pose LimbController::target_W(const LimbReference& reference) const noexcept {
-  return {rotation_exp(admittance_.rotation_rad()) * rotation_z(reference.gripper_yaw_W_rad),
+  return {rotation_exp(admittance_.rotation_rad()) * reference.gripper_rotation_W(),
           anchor_W_m(reference) + admittance_.offset_m()};
 }
 
 void LimbController::aim_at(const Pose& target_W, const LimbReference& reference) noexcept {
   admittance_.rebase(target_W.position_m - anchor_W_m(reference),
-                     rotation_log(target_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
+                     rotation_log(target_W.rotation * reference.gripper_rotation_W().transpose()));
 }
 
 /// The limb grips at `place_W_m`, and goes on aiming at `target_W`.

@@ -50,7 +50,7 @@ Vector6 stacked(const Wrench& wrench) {
 }  // namespace
 
 PadForm pad_form(const Vector3& finger_axis_W, int finger, const Contact& contact) {
-  const Vector3 &e = finger_axis_W, up = Vector3::UnitZ();  // grippers are upright
+  const Vector3 &e = finger_axis_W, up = Vector3::UnitZ();  // grippers on faces that lean are upright
   const double side = finger == 0 ? 1.0 : -1.0;
   PerFinger<Vector3> normal, touch_m;
   for (int f = 0; f < 2; ++f) {

@@ -29,12 +29,14 @@ double body_off(const plan_knot_t& one, const plan_knot_t& other) {
 }
 
 bool same_place(const LimbKnot& a, const LimbKnot& b) noexcept {
-  return a.gripper_position_W_m == b.gripper_position_W_m && a.gripper_yaw_W_rad == b.gripper_yaw_W_rad;
+  return a.gripper_position_W_m == b.gripper_position_W_m && a.gripper_yaw_W_rad == b.gripper_yaw_W_rad &&
+         a.gripper_tilt_W_rad == b.gripper_tilt_W_rad;
 }
 
 bool found_near(const LimbKnot& a, const LimbKnot& b) noexcept {
   return (a.gripper_position_W_m - b.gripper_position_W_m).cwiseAbs().maxCoeff() <= kFound_m &&
-         std::abs(a.gripper_yaw_W_rad - b.gripper_yaw_W_rad) <= kFound_rad;
+         std::abs(a.gripper_yaw_W_rad - b.gripper_yaw_W_rad) <= kFound_rad &&
+         (a.gripper_tilt_W_rad - b.gripper_tilt_W_rad).cwiseAbs().maxCoeff() <= kFound_rad;
 }
 
 /// The same limbs hold on, as near as grips are found.
@@ -71,7 +73,8 @@ bool same_grip(const plan_t& before, const limb_knot_t& held, const plan_t& part
          held.finger1_face == holds.finger1_face && is_hold(before, held.hold) && is_hold(part, holds.hold) &&
          same_hold(before.holds[held.hold], part.holds[holds.hold]) &&
          off(held.gripper_position_w_m, holds.gripper_position_w_m, 3) <= kFound_m &&
-         std::abs(held.gripper_yaw_w_rad - holds.gripper_yaw_w_rad) <= kFound_rad;
+         std::abs(held.gripper_yaw_w_rad - holds.gripper_yaw_w_rad) <= kFound_rad &&
+         off(held.gripper_tilt_w_rad, holds.gripper_tilt_w_rad, 2) <= kFound_rad;
 }
 
 /// The grip is where `found` has it, and what its fingers bear turns with it.
@@ -89,6 +92,7 @@ void take_to(limb_knot_t& grip, const limb_knot_t& found) {
   }
   std::ranges::copy(found.gripper_position_w_m, grip.gripper_position_w_m);
   grip.gripper_yaw_w_rad = found.gripper_yaw_w_rad;
+  std::ranges::copy(found.gripper_tilt_w_rad, grip.gripper_tilt_w_rad);
 }
 
 /// Of the part's holds in the whole plan, in which they come to be where the part has them.

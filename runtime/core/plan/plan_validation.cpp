@@ -118,8 +118,9 @@ std::string knot_defect(const plan_t& plan, std::size_t k) {
 /// Normal force [N] with which a finger presses on its face: finger 1 sits at +e and is pushed back along +e.
 double finger_normal_N(const limb_knot_t& limb, int finger) {
   const double sign = finger == 0 ? 1.0 : -1.0;
-  const double* f = limb.finger_force_w_n + 3 * finger;
-  return sign * (f[0] * std::cos(limb.gripper_yaw_w_rad) + f[1] * std::sin(limb.gripper_yaw_w_rad));
+  const Eigen::Vector2d tilt_rad(limb.gripper_tilt_w_rad);
+  return sign *
+         Vector3(limb.finger_force_w_n + 3 * finger).dot(gripper_rotation(limb.gripper_yaw_w_rad, tilt_rad).col(0));
 }
 
 /// A foot stands on the wall and presses on it.
@@ -130,6 +131,8 @@ std::string foot_defect(const RobotDescription& robot, const plan_t& plan, std::
   if (!(std::abs(limb.gripper_position_w_m[2]) <= kPoseTolerance)) {
     return Sentence() << where << "the foot stands " << limb.gripper_position_w_m[2] << " m off the wall";
   }
+  if (limb.gripper_tilt_w_rad[0] != 0.0 || limb.gripper_tilt_w_rad[1] != 0.0)
+    return Sentence() << where << "the foot is tilted; possible is upright";
   const double normal_N = limb.finger_force_w_n[2] + limb.finger_force_w_n[5];
   if (normal_N < -kForceTolerance_N || normal_N > plan.max_normal_n + kForceTolerance_N) {
     return Sentence() << where << "the foot presses with " << normal_N << " N; possible is 0.." << plan.max_normal_n
@@ -143,6 +146,9 @@ std::string grasp_defect(const RobotDescription& robot, const plan_t& plan, std:
   const std::string where = place(robot, k, l);
   if (limb.hold < 0 || limb.hold >= plan.n_holds) {
     return Sentence() << where << "hold is " << limb.hold << "; the plan has holds 0.." << plan.n_holds - 1;
+  }
+  if (!all_finite(plan.holds[limb.hold].tilt_rad, 2)) {
+    return Sentence() << where << "the roll or pitch of hold " << limb.hold << " is not finite";
   }
   for (const double lean_rad : plan.holds[limb.hold].lean_rad) {
     if (!(lean_rad >= 0.0 && lean_rad < kRightAngle_rad)) {
@@ -171,6 +177,9 @@ std::string stance_defect(const RobotDescription& robot, const plan_t& plan, boo
   const limb_knot_t& before = plan.knots[k == 0 ? 0 : k - 1].limbs[l];
   if (before.phase == limb_knot_t::STANCE) {
     double moved = std::abs(limb.gripper_yaw_w_rad - before.gripper_yaw_w_rad);
+    for (int i = 0; i < 2; ++i) {
+      moved = std::max(moved, std::abs(limb.gripper_tilt_w_rad[i] - before.gripper_tilt_w_rad[i]));
+    }
     for (int i = 0; i < 3; ++i) {
       moved = std::max(moved, std::abs(limb.gripper_position_w_m[i] - before.gripper_position_w_m[i]));
     }
@@ -188,8 +197,9 @@ std::string limb_defect(const RobotDescription& robot, const plan_t& plan, bool 
     return Sentence() << where << "phase is " << static_cast<int>(limb.phase) << "; it is 0 (stance) or 1 (air)";
   }
   if (!all_finite(limb.gripper_position_w_m, 3) || !all_finite(&limb.gripper_yaw_w_rad, 1) ||
-      !all_finite(&limb.finger_separation_m, 1) || !all_finite(limb.finger_force_w_n, 6) ||
-      !all_finite(limb.finger_moment_w_nm, 6) || !all_finite(&limb.friction, 1)) {
+      !all_finite(limb.gripper_tilt_w_rad, 2) || !all_finite(&limb.finger_separation_m, 1) ||
+      !all_finite(limb.finger_force_w_n, 6) || !all_finite(limb.finger_moment_w_nm, 6) ||
+      !all_finite(&limb.friction, 1)) {
     return Sentence() << where << "a number is not finite";
   }
   const double opening_m = 0.5 * limb.finger_separation_m;
@@ -239,7 +249,7 @@ bool reached(const IkResult& result, const LimbDescription& limb) {
 
 Pose gripper_target_B(const PlanReference& reference, int l) {
   const LimbReference& limb = reference.limbs[l];
-  const Pose gripper_W = {rotation_z(limb.gripper_yaw_W_rad), limb.gripper_position_W_m};
+  const Pose gripper_W = {limb.gripper_rotation_W(), limb.gripper_position_W_m};
   return reference.body_W.inverse() * gripper_W;
 }
 

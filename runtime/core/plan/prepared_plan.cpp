@@ -10,9 +10,14 @@
 namespace crux {
 namespace {
 
+/// Opening axis of the gripper.
+Vector3 axis_W(const crux_msgs::limb_knot_t& knot) {
+  return gripper_rotation(knot.gripper_yaw_w_rad, Eigen::Vector2d(knot.gripper_tilt_w_rad)).col(0);
+}
+
 /// F = f₁ + f₂, M = Σ (pᵢ − c) × fᵢ + mᵢ with the fingers at ± half the separation along the opening axis.
 Wrench gripper_wrench(const crux_msgs::limb_knot_t& knot) {
-  const Vector3 axis(std::cos(knot.gripper_yaw_w_rad), std::sin(knot.gripper_yaw_w_rad), 0.0);
+  const Vector3 axis = axis_W(knot);
   Wrench sum;
   for (int finger = 0; finger < 2; ++finger) {
     const Vector3 arm = (finger == 0 ? 0.5 : -0.5) * knot.finger_separation_m * axis;
@@ -25,7 +30,7 @@ Wrench gripper_wrench(const crux_msgs::limb_knot_t& knot) {
 
 /// The finger at the positive end of the axis is pressed towards it, the other one away.
 double squeeze_N(const crux_msgs::limb_knot_t& knot) {
-  const Vector3 axis(std::cos(knot.gripper_yaw_w_rad), std::sin(knot.gripper_yaw_w_rad), 0.0);
+  const Vector3 axis = axis_W(knot);
   return 0.5 * axis.dot(Vector3(knot.finger_force_w_n) - Vector3(knot.finger_force_w_n + 3));
 }
 
@@ -50,9 +55,19 @@ double alone_m(const crux_msgs::plan_t& plan, const crux_msgs::limb_knot_t& knot
     if (i == knot.hold) continue;
     const double away_m = std::hypot(other.position_w_m[0] - knot.gripper_position_w_m[0],
                                      other.position_w_m[1] - knot.gripper_position_w_m[1]);
-    least_m = std::min(least_m, away_m - 0.5 * std::hypot(other.size_m[0], other.size_m[1]));
+    const bool upright = other.tilt_rad[0] == 0.0 && other.tilt_rad[1] == 0.0;
+    const double size_m = std::hypot(other.size_m[0], other.size_m[1]);
+    least_m = std::min(least_m, away_m - (upright ? 0.5 * size_m : std::hypot(size_m, 2.0 * other.size_m[2])));
   }
   return least_m;
+}
+
+/// How far a hold reaches off the wall.
+double top_m(const crux_msgs::hold_t& hold) {
+  const Matrix3 rotation = rotation_from_rpy({hold.tilt_rad[0], hold.tilt_rad[1], hold.yaw_rad});
+  const Vector3 size_m(hold.size_m);
+  const double across_m = 0.5 * (std::abs(rotation(2, 0)) * size_m[0] + std::abs(rotation(2, 1)) * size_m[1]);
+  return hold.position_w_m[2] + across_m + std::max(rotation(2, 2) * size_m[2], 0.0);
 }
 
 /// Slopes of `dimensions` coordinates over all knots: `value(k, i)` in, `slope(k, i)` out.
@@ -149,10 +164,11 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
       prepared->limbs[k][l] = {.air = from.phase == crux_msgs::limb_knot_t::AIR,
                                .gripper_position_W_m = Vector3(from.gripper_position_w_m),
                                .gripper_yaw_W_rad = from.gripper_yaw_w_rad,
+                               .gripper_tilt_W_rad = Eigen::Vector2d(from.gripper_tilt_w_rad),
                                .finger_opening_m = 0.5 * from.finger_separation_m,
                                .friction = from.friction,
                                .lean_rad = leans_rad(plan, from),
-                               .hold_top_m = on_hold(plan, from) ? plan.holds[from.hold].size_m[2] : 0.0,
+                               .hold_top_m = on_hold(plan, from) ? top_m(plan.holds[from.hold]) : 0.0,
                                .alone_m = on_hold(plan, from) ? alone_m(plan, from) : 0.0,
                                .wrench_W = gripper_wrench(from),
                                .squeeze_N = squeeze_N(from)};

@@ -16,7 +16,8 @@ struct LimbKnot {
   bool air = false;
   Vector3 gripper_position_W_m = Vector3::Zero();
   double gripper_yaw_W_rad = 0.0;
-  double finger_opening_m = 0.0;  ///< pad face to gripper centre
+  Eigen::Vector2d gripper_tilt_W_rad = Eigen::Vector2d::Zero();  ///< see gripper_rotation()
+  double finger_opening_m = 0.0;                                 ///< pad face to gripper centre
   double friction = 0.0;
   std::array<double, 2> lean_rad{};  ///< of the faces under fingers 1 and 2
   double hold_top_m = 0.0;           ///< of the hold gripped, off the wall

@@ -26,6 +26,7 @@ Pose body_pose(const PreparedPlan& plan, int k, double u) {
 void place_gripper(LimbReference& out, const LimbKnot& from, const LimbKnot& to, double share) {
   out.gripper_position_W_m = from.gripper_position_W_m + share * (to.gripper_position_W_m - from.gripper_position_W_m);
   out.gripper_yaw_W_rad = from.gripper_yaw_W_rad + share * (to.gripper_yaw_W_rad - from.gripper_yaw_W_rad);
+  out.gripper_tilt_W_rad = from.gripper_tilt_W_rad + share * (to.gripper_tilt_W_rad - from.gripper_tilt_W_rad);
 }
 
 void play_stance(const PreparedPlan& plan, int k, double u, int l, bool back, LimbReference& out) {

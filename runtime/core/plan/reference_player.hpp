@@ -2,7 +2,6 @@
 #pragma once
 
 #include <array>
-#include <cmath>
 
 #include "core/plan/prepared_plan.hpp"
 
@@ -40,6 +39,7 @@ struct LimbReference {
   double load = 1.0;  ///< share of the planned wrench this limb bears
   Vector3 gripper_position_W_m = Vector3::Zero();
   double gripper_yaw_W_rad = 0.0;
+  Eigen::Vector2d gripper_tilt_W_rad = Eigen::Vector2d::Zero();
   double finger_opening_m = 0.0;
   double open_m = 0.0;               ///< the same, at either end of a swing, where the fingers are open for the way
   double opens_m = 0.0;              ///< while it leaves a hold: how much further open than on it
@@ -57,8 +57,12 @@ struct LimbReference {
   bool closing() const { return phase == LimbPhase::kClose; }
   /// The gripper is on its way, and not yet down to its hold.
   bool passing() const { return !point_foot && (phase == LimbPhase::kLift || phase == LimbPhase::kSwing); }
+  Matrix3 gripper_rotation_W() const { return gripper_rotation(gripper_yaw_W_rad, gripper_tilt_W_rad); }
+  bool upright() const { return gripper_tilt_W_rad.isZero(0.0); }
   /// Unit vector through both pads, towards finger 1.
-  Vector3 finger_axis_W() const { return {std::cos(gripper_yaw_W_rad), std::sin(gripper_yaw_W_rad), 0.0}; }
+  Vector3 finger_axis_W() const { return gripper_rotation_W().col(0); }
+  /// Unit vector from the pads to the palm: the way off the hold.
+  Vector3 off_W() const { return gripper_rotation_W().col(2); }
 };
 
 struct PlanReference {

@@ -66,6 +66,9 @@ Matrix3 rotation_from_rpy(const Vector3& rpy_rad);
 /// Rotation about z.
 Matrix3 rotation_z(double yaw_rad);
 
+/// R = exp(tilt) Rz(yaw), W <- gripper: `tilt_rad` is a rotation vector about W's x and y, none for an upright gripper.
+Matrix3 gripper_rotation(double yaw_rad, const Eigen::Vector2d& tilt_rad);
+
 /// The unit quaternion (w, x, y, z) of R with w >= 0.
 std::array<double, 4> quaternion_wxyz(const Matrix3& rotation);
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from crux_contracts.gripper_frames import gripper_rotation
 from crux_contracts.interpolation import PlanReference
 from crux_msgs import plan_t
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
@@ -42,7 +43,7 @@ def test_equals_the_contracts_reading(k: int) -> None:
         np.testing.assert_allclose(samples.load[:, limb], REFERENCE.load(limb, k, u), atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["walking", "own_times", "moving_fingers"])
+@pytest.mark.parametrize("name", ["walking", "own_times", "moving_fingers", "tilted"])
 def test_other_plans_equal_the_contracts_reading(name: str) -> None:
     """The golden walk, in which two limbs step at once, and the golden plans whose knots have times of their own."""
     golden = json.loads((Path(__file__).resolve().parents[3] / "msgs" / "golden" / f"{name}.json").read_text())
@@ -55,6 +56,9 @@ def test_other_plans_equal_the_contracts_reading(name: str) -> None:
         for limb, expected in enumerate(point["limbs"]):
             assert samples.gripper_position[0, limb] == pytest.approx(expected["gripper_position_w_m"], abs=1e-10)
             assert samples.gripper_yaw[0, limb] == pytest.approx(expected["gripper_yaw_w_rad"], abs=1e-10)
+            assert samples.gripper_tilt[0, limb] == pytest.approx(expected["gripper_tilt_w_rad"], abs=1e-10)
+            turn = gripper_rotation(expected["gripper_yaw_w_rad"], expected["gripper_tilt_w_rad"])
+            np.testing.assert_allclose(samples.gripper_rotation[0, limb], turn, atol=1e-10)
             comes = not read.stance[point["k"], limb] and read.stance[point["k"] + 1, limb]
             if name == "walking" or (name == "moving_fingers" and comes and point["u"] < 0.6):  # others follow below
                 assert samples.opening[0, limb] == pytest.approx(expected["finger_opening_m"])

@@ -73,7 +73,7 @@ def test_smoother_faces_do_not_hold() -> None:
 def test_what_is_not_there_yet_is_refused() -> None:
     with pytest.raises(ScenarioError) as error:
         crux_planner.plan(WALL | {"uncertainty": {"friction": 0.1}}, ROBOT)
-    assert "uncertainty: is not supported yet where faces lean, as those of LF-low" in str(error.value)
+    assert "uncertainty: is not supported yet where LF-low has faces that lean" in str(error.value)
     with pytest.raises(ScenarioError) as error:
         crux_planner.plan(WALL, ROBOT, method="two_block")
-    assert "planner.method: two_block: expected auto: a hold has faces that lean" in str(error.value)
+    assert "planner.method: two_block: expected auto: LF-low has faces that lean" in str(error.value)

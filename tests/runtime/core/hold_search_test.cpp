@@ -16,13 +16,13 @@ TEST(HoldSearch, TellsWhereAlongTheFingersItIsPressed) {
   const Matrix3 turn = rotation_z(0.7);
   for (const double at_m : {-0.052, 0.0, 0.031}) {
     const Vector3 force_N(1.0, 4.0, 18.0), place_m = turn * Vector3(at_m, 0.01, 0.0);
-    EXPECT_NEAR(pressed_along_m({force_N, place_m.cross(force_N)}, turn.col(0)), at_m, 1e-12);
+    EXPECT_NEAR(pressed_along_m({force_N, place_m.cross(force_N)}, turn.col(0), turn.col(2)), at_m, 1e-12);
   }
 }
 
 TEST(HoldSearch, GoesUpOverAndDownAndNoFurtherThanItMay) {
   HoldSearch search;
-  ASSERT_TRUE(search.begin(0.034, {0.018, 0.0, 0.0}, 0.03));
+  ASSERT_TRUE(search.begin(0.034, Vector3::UnitZ(), {0.018, 0.0, 0.0}, 0.03));
   EXPECT_TRUE(search.beside_W_m().isApprox(Vector3(0.0, 0.0, 0.034 + HoldSearch::kClear_m)));
   EXPECT_FALSE(search.advance(0.02, 0.002));
   EXPECT_TRUE(search.advance(0.001, 0.002));
@@ -30,10 +30,10 @@ TEST(HoldSearch, GoesUpOverAndDownAndNoFurtherThanItMay) {
   EXPECT_TRUE(search.advance(0.001, 0.002));
   EXPECT_FALSE(search.searches());
   EXPECT_TRUE(search.beside_W_m().isApprox(Vector3(0.018, 0.0, 0.0)));
-  ASSERT_TRUE(search.begin(0.034, {0.018, 0.0, 0.0}, 0.03));
+  ASSERT_TRUE(search.begin(0.034, Vector3::UnitZ(), {0.018, 0.0, 0.0}, 0.03));
   while (search.searches()) search.advance(1.0, 0.002);
   EXPECT_TRUE(search.beside_W_m().isApprox(Vector3(0.03, 0.0, 0.0)));
-  EXPECT_FALSE(search.begin(0.034, {-0.018, 0.0, 0.0}, 0.03));
+  EXPECT_FALSE(search.begin(0.034, Vector3::UnitZ(), {-0.018, 0.0, 0.0}, 0.03));
 }
 
 /// LF's hold stands to the side `side` of its opening axis: a finger stands on it until the gripper has gone there.

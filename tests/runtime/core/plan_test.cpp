@@ -45,6 +45,8 @@ void expect_golden(const char* name, bool point_feet) {
       const std::string where = at + "limb " + std::to_string(l) + " ";
       expect_equal(limb["gripper_position_w_m"], played.gripper_position_W_m.data(), where + "position");
       EXPECT_NEAR(played.gripper_yaw_W_rad, limb["gripper_yaw_w_rad"].get<double>(), 1e-10) << where;
+      for (int i = 0; i < 2; ++i)
+        EXPECT_NEAR(played.gripper_tilt_W_rad[i], limb["gripper_tilt_w_rad"][i].get<double>(), 1e-10) << where;
       EXPECT_NEAR(played.finger_opening_m, limb["finger_opening_m"].get<double>(), 1e-10) << where;
       EXPECT_NEAR(played.load, limb["load"].get<double>(), 1e-10) << where;
       Vector6 wrench;
@@ -59,6 +61,19 @@ TEST(ReferencePlayer, EqualsTheGoldenVectors) { expect_golden("interpolation.jso
 TEST(ReferencePlayer, EqualsTheGoldenVectorsOfKnotsAtTimesOfTheirOwn) { expect_golden("own_times.json", false); }
 
 TEST(ReferencePlayer, EqualsTheGoldenVectorsOfFingersThatMove) { expect_golden("moving_fingers.json", false); }
+
+TEST(ReferencePlayer, EqualsTheGoldenVectorsOfGrippersThatTilt) { expect_golden("tilted.json", false); }
+
+TEST(GripperRotation, TurnsAboutTheTiltAfterTheYaw) {
+  const double yaw_rad = 0.7;
+  const Eigen::Vector2d tilt_rad(0.3, -0.4);  // by half a radian
+  const Matrix3 rotation = gripper_rotation(yaw_rad, tilt_rad);
+  const Vector3 about(0.6, -0.8, 0.0);
+  EXPECT_NEAR((rotation * rotation.transpose() - Matrix3::Identity()).norm(), 0.0, 1e-12);
+  EXPECT_NEAR(rotation.col(2).z(), std::cos(0.5), 1e-12);
+  EXPECT_TRUE((rotation * rotation_z(-yaw_rad) * about).isApprox(about));
+  EXPECT_GT(about.cross(Vector3::UnitZ()).dot(rotation.col(2)), 0.0);
+}
 
 TEST(ReferencePlayer, EqualsTheGoldenVectorsOfPointFeet) { expect_golden("walking.json", true); }
 

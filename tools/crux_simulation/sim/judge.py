@@ -14,7 +14,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import PlanReference
 from crux_msgs import limb_knot_t, robot_state_t
 from crux_tools.robot3d.robot_model import RobotModel
-from crux_tools.telemetry.rotations import angle_between, goal_pose, rotations_from_quaternions
+from crux_tools.telemetry.rotations import angle_between, goal_pose, hold_rotation, rotations_from_quaternions
 from numpy.typing import NDArray
 
 from crux_simulation.sim.native import contact_period
@@ -107,9 +107,11 @@ def _leaning_sides(plan: Any) -> Floats | None:
     """(holds, 4, 3) normals of the holds' side faces in W; None where none leans."""
     if not any(any(hold.lean_rad) for hold in plan.holds):
         return None
-    yaw = np.array([hold.yaw_rad for hold in plan.holds])[:, None] + np.pi * np.array([0.0, 1.0, 0.5, 1.5])
-    lean = np.array([hold.lean_rad for hold in plan.holds])
-    return np.stack([np.cos(lean) * np.cos(yaw), np.cos(lean) * np.sin(yaw), np.sin(lean)], axis=-1)
+    outward = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+    lean = np.array([hold.lean_rad for hold in plan.holds])[..., None]
+    own = np.cos(lean) * outward + np.sin(lean) * np.array([0.0, 0.0, 1.0])
+    turned: Floats = np.einsum("hij,hfj->hfi", np.array([hold_rotation(hold) for hold in plan.holds]), own)
+    return turned
 
 
 def contact_forces_w(truth: Truth, plan: Any, hand_mass_kg: Floats) -> Floats:

@@ -69,6 +69,7 @@ def true_wall(plan: plan_t, world: World) -> plan_t:
         arm[:2] = _turned(turn_rad, arm[:2])
         limb.gripper_position_w_m = (np.array(hold.position_w_m) + arm).tolist()
         limb.gripper_yaw_w_rad += turn_rad
+        limb.gripper_tilt_w_rad = _turned(turn_rad, np.array(limb.gripper_tilt_w_rad)).tolist()
         axis = 0 if limb.finger1_face in (limb_knot_t.FACE_PLUS_X, limb_knot_t.FACE_MINUS_X) else 1
         limb.finger_separation_m += hold.size_m[axis] - planned.size_m[axis]
     return true

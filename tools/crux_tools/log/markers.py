@@ -9,6 +9,7 @@ from crux_contracts import LIMB_NAMES
 
 from crux_tools.log.ros2 import Rows, encoded, laid_out, vector
 from crux_tools.log.seen import WORLD, Seen
+from crux_tools.telemetry.rotations import hold_middle, hold_quaternion, hold_top_m
 
 CUBE, SPHERE, ARROW, TEXT = 1, 2, 0, 9  # of visualization_msgs/Marker
 ADD, DELETE = 0, 2
@@ -44,16 +45,16 @@ def wall_markers(plan: Any) -> bytes:
         _marker("wall", 0, CUBE, scale=vector((*size, WALL_M)), color=vector(WALL_RGBA, "rgba")) | {"pose": pose}
     )
     for number, hold in enumerate(plan.holds):
-        x, y, z = hold.position_w_m
-        height = hold.size_m[2]
-        half = hold.yaw_rad / 2
-        turned = vector((0, 0, np.sin(half), np.cos(half)))
+        middle, (w, *xyz) = hold_middle(hold), hold_quaternion(hold)
+        turned = vector((*xyz, w))
         rgba = HOLD_RGBA if hold.graspable else OBSTACLE_RGBA
         cube = _marker("holds" if hold.graspable else "obstacles", number, CUBE, scale=vector(hold.size_m))
-        cube |= {"pose": {"position": vector((x, y, z + height / 2)), "orientation": turned}}
+        cube |= {"pose": {"position": vector(middle), "orientation": turned}}
         cube |= {"color": vector(rgba, "rgba")}
         name = _marker("names", number, TEXT, scale=vector((0, 0, TEXT_M)), text=hold.name)
-        name |= {"pose": {"position": vector((x, y, z + height + TEXT_M)), "orientation": vector((0, 0, 0, 1))}}
+        name |= {
+            "pose": {"position": vector((*middle[:2], hold_top_m(hold) + TEXT_M)), "orientation": vector((0, 0, 0, 1))}
+        }
         name |= {"color": vector(TEXT_RGBA, "rgba")}
         markers += [cube, name]
     return encoded("visualization_msgs/MarkerArray", {"markers": markers})

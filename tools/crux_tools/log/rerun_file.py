@@ -11,6 +11,7 @@ from crux_contracts.channels import SUPERVISOR_STATES
 
 from crux_tools.log.markers import FORCE_SCALE_M_PER_N, FORCES, HOLD_RGBA, OBSTACLE_RGBA, used_colours
 from crux_tools.log.seen import ERROR, INFO, NS, WARN, WORLD, Seen
+from crux_tools.telemetry.rotations import hold_middle, hold_quaternion
 from crux_tools.telemetry.summary import name_of
 
 if TYPE_CHECKING:  # rerun-sdk is imported where it is asked for: nobody else needs it
@@ -92,11 +93,10 @@ def _wall(recording: rr.RecordingStream, seen: Seen) -> None:
         if not chosen:
             continue
         sizes = np.array([hold.size_m for hold in chosen])
-        half = np.array([hold.yaw_rad for hold in chosen]) / 2
         boxes = rr.Boxes3D(
             sizes=sizes,
-            centers=np.array([hold.position_w_m for hold in chosen]) + sizes * [0, 0, 0.5],
-            quaternions=np.stack([0 * half, 0 * half, np.sin(half), np.cos(half)], axis=1),
+            centers=np.array([hold_middle(hold) for hold in chosen]),
+            quaternions=np.array([hold_quaternion(hold) for hold in chosen])[:, [1, 2, 3, 0]],
             colors=[rgba] * len(chosen),
             labels=[hold.name for hold in chosen],
             fill_mode="solid",

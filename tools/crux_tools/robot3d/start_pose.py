@@ -7,6 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from crux_contracts.gripper_frames import gripper_rotation
 from numpy.typing import NDArray
 
 from crux_tools.errors import UsageError
@@ -25,10 +26,9 @@ class StartPoseError(UsageError):
     """The plan's first knot cannot be taken by this robot."""
 
 
-def _gripper_error(robot: RobotModel, data: mujoco.MjData, limb: int, position_w_m: Floats, yaw_rad: float) -> Floats:
+def _gripper_error(robot: RobotModel, data: mujoco.MjData, limb: int, position_w_m: Floats, wanted: Floats) -> Floats:
     site = robot.gripper_sites[limb]
     present = data.site_xmat[site].reshape(3, 3)
-    wanted = rotation_from_rpy([0.0, 0.0, yaw_rad])
     turn = np.empty(4)
     mujoco.mju_mat2Quat(turn, (wanted @ present.T).ravel())
     rotation = np.empty(3)
@@ -41,11 +41,12 @@ def solve_limb(
     data: mujoco.MjData,
     limb: int,
     position_w_m: Floats,
-    yaw_rad: float,
+    rotation_w: Floats,
     near: bool = False,
     starts: int = STARTS,
 ) -> bool:
-    """Moves the six joints of `limb` until its gripper stands at the pose; False when it cannot within the limits.
+    """Moves the six joints of `limb` until its gripper stands at the place (3,), turned by `rotation_w` (3, 3), W <-
+    gripper; False when it cannot within the limits.
     `near`: begins with the joints as they are, so that a motion is followed; then from so many postures (`starts`).
     """
     model = robot.model
@@ -60,7 +61,7 @@ def solve_limb(
         for _ in range(ITERATIONS):
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
-            error = _gripper_error(robot, data, limb, position_w_m, yaw_rad)
+            error = _gripper_error(robot, data, limb, position_w_m, rotation_w)
             if np.abs(error).max() < TOLERANCE_M:
                 return True
             mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], robot.gripper_sites[limb])
@@ -78,6 +79,7 @@ class RobotPose:
     body_rpy_rad: Floats  # (3,)
     gripper_position_m: Floats  # (4, 3)
     gripper_yaw_rad: Floats  # (4,)
+    gripper_tilt_rad: Floats  # (4, 2), see crux_contracts.gripper_frames
     finger_opening_m: Floats  # (4,) pad face to gripper centre
 
     @classmethod
@@ -89,6 +91,7 @@ class RobotPose:
             np.array(knot.body_rpy_rad),
             np.array([limb.gripper_position_w_m for limb in knot.limbs]) + np.array([0.0, 0.0, lift]),
             np.array([limb.gripper_yaw_w_rad for limb in knot.limbs]),
+            np.array([limb.gripper_tilt_w_rad for limb in knot.limbs]),
             np.array([limb.finger_separation_m / 2 for limb in knot.limbs]),
         )
 
@@ -98,10 +101,11 @@ def take_pose(robot: RobotModel, data: mujoco.MjData, pose: RobotPose, near: boo
     data.qpos[:3] = pose.body_position_m
     mujoco.mju_mat2Quat(data.qpos[3:7], rotation_from_rpy(pose.body_rpy_rad).ravel())
     data.qpos[robot.finger_qpos] = pose.finger_opening_m[:, None]
+    turned = gripper_rotation(pose.gripper_yaw_rad, pose.gripper_tilt_rad)
     return [
         limb
         for limb in range(len(pose.gripper_yaw_rad))
-        if not solve_limb(robot, data, limb, pose.gripper_position_m[limb], float(pose.gripper_yaw_rad[limb]), near)
+        if not solve_limb(robot, data, limb, pose.gripper_position_m[limb], turned[limb], near)
     ]
 
 

@@ -14,6 +14,8 @@ import numpy as np
 from crux_contracts.scenario import FACE_NAMES, parse_scenario
 from numpy.typing import NDArray
 
+from crux_tools.telemetry.rotations import hold_quaternion
+
 SIDE_SLAB_M = 0.010
 TOP_SLAB_M = 0.005
 HOLD_RGBA = (0.55, 0.50, 0.45, 1.0)
@@ -114,10 +116,7 @@ def add_wall(spec: mujoco.MjSpec, plan: Any) -> list[Face]:
     faces = [Face(-1, "wall", friction, False)]
     for index, hold in enumerate(plan.holds):
         size_m = np.array(hold.size_m)
-        half_yaw = hold.yaw_rad / 2
-        body = world.add_body(
-            name=f"hold{index}", pos=hold.position_w_m, quat=[np.cos(half_yaw), 0, 0, np.sin(half_yaw)]
-        )
+        body = world.add_body(name=f"hold{index}", pos=hold.position_w_m, quat=hold_quaternion(hold))
         if any(hold.lean_rad):
             faces += _add_leaning(spec, body, hold, index)
             continue

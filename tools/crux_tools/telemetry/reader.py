@@ -22,9 +22,10 @@ from crux_tools.telemetry.log_format import newer_format
 # Fields that logs of earlier runtimes do not have, and that nothing here needs.
 ADDED = {
     "/control_input": {"bus_state", "command_value", "late_s"},
-    "/plan": {"lean_rad"},
+    "/plan": {"lean_rad", "tilt_rad", "gripper_tilt_w_rad"},
     "/command": {"value"},
     "/cycle_timing": {"answer_ns"},
+    "/limb_reference": {"gripper_tilt_w_rad"},
     "/limb_telemetry": {
         *("utilisation", "stance_shift_g_m", "stance_turn_g_rad", "slip_m"),
         *("borne_friction", "slip_friction", "compliance_m_n", "admittance_gains"),
@@ -156,7 +157,7 @@ def _telemetry_of(path: Path, channels: Channels, remarks: list[str]) -> Telemet
     plans, verdicts = channels.messages.get("/plan", []), channels.messages.get("/truth/verdict", [])
     return Telemetry(
         path=path,
-        plan=_with_leans(plans[-1]) if plans else None,
+        plan=_with_turns(plans[-1]) if plans else None,
         plans=list(zip((times_ns["/plan"] * 1e-9).tolist(), plans, strict=True)) if plans else [],
         time_s=common_ns * 1e-9,
         state=aligned[STATE_TOPIC],
@@ -178,9 +179,13 @@ def _telemetry_of(path: Path, channels: Channels, remarks: list[str]) -> Telemet
     )
 
 
-def _with_leans(plan: Any) -> Any:
-    """The plan of a log; older ones do not say how faces lean: none did."""
+def _with_turns(plan: Any) -> Any:
+    """The plan of a log; older ones do not say how faces lean, and holds and grippers are turned: none were."""
     for hold in plan.holds:
-        if not hasattr(hold, "lean_rad"):
-            hold.lean_rad = [0.0] * 4
+        for name, count in (("lean_rad", 4), ("tilt_rad", 2)):
+            if not hasattr(hold, name):
+                setattr(hold, name, [0.0] * count)
+    for limb in (limb for knot in plan.knots for limb in knot.limbs):
+        if not hasattr(limb, "gripper_tilt_w_rad"):
+            limb.gripper_tilt_w_rad = [0.0] * 2
     return plan

@@ -9,6 +9,7 @@ from crux_contracts.scenario import parse_scenario
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+_TILT = "gripper_tilt_w_rad"
 
 
 def rotations_from_quaternions(quaternion: Floats) -> Floats:
@@ -34,6 +35,40 @@ def rotation_from_rpy(rpy_rad: Any) -> Floats:
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+def hold_rotation(hold: Any) -> Floats:
+    """Rotation W <- the hold's (hold_t) own axes, (3, 3)."""
+    return rotation_from_rpy([*hold.tilt_rad, hold.yaw_rad])
+
+
+def hold_quaternion(hold: Any) -> Floats:
+    """The same as w, x, y, z."""
+    (cr, cp, cy), (sr, sp, sy) = (of(np.array([*hold.tilt_rad, hold.yaw_rad]) / 2) for of in (np.cos, np.sin))
+    return np.array(
+        [
+            cy * cp * cr + sy * sp * sr,
+            cy * cp * sr - sy * sp * cr,
+            cy * sp * cr + sy * cp * sr,
+            sy * cp * cr - cy * sp * sr,
+        ]
+    )
+
+
+def hold_middle(hold: Any) -> Floats:
+    """Centre (3,) of a hold's box in W."""
+    return np.asarray(hold.position_w_m + hold_rotation(hold)[:, 2] * hold.size_m[2] / 2)
+
+
+def hold_top_m(hold: Any) -> float:
+    """Height of its highest point over the wall."""
+    return float(hold_middle(hold)[2] + np.abs(hold_rotation(hold)[2]) @ hold.size_m / 2)
+
+
+def tilts_of(references: NDArray[Any]) -> Floats:
+    """(..., 2) by which references (...) of a log tilt the grippers; older logs have none."""
+    names = references.dtype.names or ()
+    return references[_TILT] if _TILT in names else np.zeros((*references.shape, 2))
 
 
 def goal_pose(plan: Any) -> tuple[Floats, Floats]:

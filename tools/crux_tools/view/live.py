@@ -218,11 +218,9 @@ class Live:
         """A control_input with the joints that put the grippers where the runtime says that they are."""
         data, limbs = self._data, self._newest["/limb_telemetry"]
         data.qpos[:3], data.qpos[3:7] = state["body_position_w_m"], state["body_quaternion_w"]
-        axes = rotations_from_quaternions(limbs["gripper_quaternion_w"])[:, :, 0]
-        for limb, axis in enumerate(axes):
-            yaw_rad = float(np.arctan2(axis[1], axis[0]))
+        for limb, turned in enumerate(rotations_from_quaternions(limbs["gripper_quaternion_w"])):
             # Where nothing reaches, the search ends soon: anybody may have said that a gripper is there.
-            solve_limb(robot, data, limb, limbs["gripper_position_w_m"][limb], yaw_rad, near=True, starts=1)
+            solve_limb(robot, data, limb, limbs["gripper_position_w_m"][limb], turned, near=True, starts=1)
         row = blank("/control_input", 1)
         row["cycle"], row["dt_s"] = state["cycle"], robot.robot.dt_s
         row["joint_position_rad"] = data.qpos[robot.joint_qpos]

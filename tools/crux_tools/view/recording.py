@@ -112,12 +112,14 @@ def recording_of_plan(path: Path, plan: Any) -> Recording:
         grips = [reference.limb(limb, k, u) for limb in range(len(LIMB_NAMES))]
         position = np.array([grip.position_w_m for grip in grips]) + np.array([0, 0, lift])
         yaw, opening = np.array([grip.yaw_w_rad for grip in grips]), np.array([grip.opening_m for grip in grips])
-        take_pose(robot, data, RobotPose(body_position[row], body_rpy[row], position, yaw, opening), near=row > 0)
+        tilt = np.array([grip.tilt_w_rad for grip in grips])
+        take_pose(robot, data, RobotPose(body_position[row], body_rpy[row], position, yaw, tilt, opening), near=row > 0)
         inputs["joint_position_rad"][row] = data.qpos[robot.joint_qpos]
         inputs["finger_opening_m"][row] = opening
         state["body_quaternion_w"][row] = data.qpos[3:7]
         references["phase"][row] = np.where(reference.air[k], SWING, STANCE)
         references["gripper_position_w_m"][row], references["gripper_yaw_w_rad"][row] = position, yaw
+        references["gripper_tilt_w_rad"][row] = tilt
         wrench = np.array([reference.wrench(limb, k, u) for limb in range(len(LIMB_NAMES))])
         limbs["force_w_n"][row], limbs["moment_w_nm"][row] = wrench[:, :3], wrench[:, 3:]
     state["body_position_w_m"] = state["body_reference_position_w_m"] = body_position

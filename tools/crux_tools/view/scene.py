@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.gripper_frames import gripper_rotation
 from crux_contracts.plan_series import PlanSeries, plan_series
 from crux_planner.checker.limb_model import load_model
 
@@ -21,7 +22,7 @@ from crux_tools.robot3d.robot_model import build_model
 from crux_tools.robot3d.start_pose import solve_limb
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import robot_of
-from crux_tools.telemetry.rotations import rotations_from_quaternions
+from crux_tools.telemetry.rotations import hold_middle, hold_top_m, rotations_from_quaternions, tilts_of
 from crux_tools.view.bodies import Bodies, numbers, rgb_of
 from crux_tools.view.caption import caption
 from crux_tools.view.meshes import drawn_mesh, meshes_of
@@ -69,7 +70,7 @@ class Scene:
             "cameras": CAMERAS,
             "grippers": LIMB_NAMES,
             "holds": [
-                {"name": hold.name, "top": numbers(np.add(hold.position_w_m, (0.0, 0.0, hold.size_m[2])))}
+                {"name": hold.name, "top": numbers(np.array([*hold_middle(hold)[:2], hold_top_m(hold)]))}
                 for hold in plan.holds
             ],
             "joints": self._joints(),
@@ -133,9 +134,9 @@ class Scene:
         ghost.qpos[:3] = state["body_reference_position_w_m"]
         ghost.qpos[3:7] = state["body_reference_quaternion_w"]
         ghost.qpos[self._robot.finger_qpos] = references["finger_opening_m"][:, None]
+        turned = gripper_rotation(references["gripper_yaw_w_rad"], tilts_of(references))
         for limb in range(len(LIMB_NAMES)):
-            place = references["gripper_position_w_m"][limb], float(references["gripper_yaw_w_rad"][limb])
-            solve_limb(self._robot, ghost, limb, *place, near=True)
+            solve_limb(self._robot, ghost, limb, references["gripper_position_w_m"][limb], turned[limb], near=True)
         mujoco.mj_kinematics(self._robot.model, ghost)
 
     def _hold_colours(self, row: int) -> dict[int, list[int]]:

@@ -58,13 +58,13 @@ def lower_bound(
     report: Callable[[float], None] = lambda _bound: None,
     effort: float = np.inf,
 ) -> float | None:
-    """A number that J of no plan is below, at most `cost`; None where (2) is not what holds, where faces lean, and for
-    limbs without closed-form kinematics.
+    """A number that J of no plan is below, at most `cost`; None where (2) is not what holds, where faces lean or
+    cuboids are turned, and for limbs without closed-form kinematics.
 
     `report` is told each better bound, so that one may stop listening at any time.
     """
     if (
-        problem.limit_surface == "paper" or problem.leans or not problem.closed_form
+        problem.limit_surface == "paper" or not problem.upright or not problem.closed_form
     ):  # the paper's lets pass what (2) does not
         return None
     limits = _Limits(clock.now() + time_limit_s, effort)

@@ -63,7 +63,7 @@ class Ghost:
                 continue
             position, yaw, half_m = place
             data.qpos[self._robot.finger_qpos[limb]] = half_m
-            solve_limb(self._robot, data, limb, position, yaw, starts=STARTS)
+            solve_limb(self._robot, data, limb, position, rotation_from_rpy([0.0, 0.0, yaw]), starts=STARTS)
         mujoco.mj_kinematics(self._robot.model, data)
         return self._bodies.poses(data)
 
