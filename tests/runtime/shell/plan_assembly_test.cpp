@@ -206,7 +206,7 @@ TEST(LcmDecoding, RefusesLengthsThatTheBytesCannotHold) {
   for (const std::int32_t n :
        {-1, 3, 1000000, std::numeric_limits<std::int32_t>::max(), std::numeric_limits<std::int32_t>::min()}) {
     auto bytes = lcm_bytes(small_plan());
-    const std::size_t knot_bytes = 3 * (13 * 8 + 4 * (4 + 18 * 8));
+    const std::size_t knot_bytes = 3 * (13 * 8 + 4 * (4 + 20 * 8));
     const std::size_t at = bytes.size() - knot_bytes - 4;  // n_knots
     ASSERT_EQ(bytes[at + 3], 3);
     if (n == 3) bytes.push_back(0);
