@@ -105,14 +105,14 @@ def test_a_wall_that_is_not_planned_is_none(
 def test_a_limb_near_a_singular_posture_is_told_of_and_nothing_is_planned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    turning = np.array([9.0, 31.0, 12.0, 9.0])
+    turning = np.array([9.0, 51.0, 12.0, 9.0])
     walls = [replace(wall, turns_rad_m=turning) for wall in itertools.islice(first_walls(load_robot("scaler")), 2)]
     monkeypatch.setattr(first_wall, "first_walls", lambda _robot: iter(walls))
     monkeypatch.setattr(first_wall, "plan", lambda *_: pytest.fail("planned"))
     found = fitted("scaler", tmp_path / "wall.yaml", capsys)
     assert found["verdict"] == "bad"
-    assert "none fits: joints turn up to 31 rad for a metre of a gripper (RF" in found["found"]
-    assert "expected at most 20 rad" in found["found"]
+    assert "none fits: joints turn up to 51 rad for a metre of a gripper (RF" in found["found"]
+    assert "expected at most 40 rad" in found["found"]
     assert "RF is near a singular posture" in found["remedy"]
     assert not (tmp_path / "wall.yaml").exists()
 

@@ -26,9 +26,7 @@ if TYPE_CHECKING:
 SLOPES_DEG = (90, 75, 60, 45, 30, 15, 0)
 MOST_SHARE = 0.75  # of the peak torques on three limbs: the planner keeps a quarter
 TRIES = 3  # slopes that are planned
-MOST_RAD_M = (
-    20  # that joints may turn for a metre of a gripper: 0.4 rad from one place of the planner's maps to the next
-)
+MOST_RAD_M = 40  # that joints may turn for a metre of a gripper: random robots climb at up to 37
 ASIDE = (-0.5, 0.0, 0.5)  # steps by which the body may be below or above its holds' middle for a lift
 
 
