@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from crux_contracts.robot import Limb, Robot
 from crux_contracts.scenario import FACE_NAMES, Scenario
+from crux_contracts.scenario_document import foot_of, set_foot
 from crux_contracts.scenario_types import MAX_FRICTION, SIZE_M
 
 from crux_planner.model.build import build_problem
@@ -75,7 +76,9 @@ def _smaller(name: str, climb: Climb, share: float) -> Climb:
     def shrink(content: dict[str, Any]) -> None:
         for obstacle in content["obstacles"]:
             if obstacle["name"] == name:
-                obstacle["size_m"] = [max(SIZE_M[0], share * float(edge)) for edge in obstacle["size_m"]]
+                foot = foot_of(obstacle)
+                x, y, z = (max(SIZE_M[0], share * edge) for edge in foot.size_m)
+                set_foot(obstacle, replace(foot, size_m=(x, y, z)))
 
     scenario = edited(climb.session.scenario, shrink)
     problem = build_problem(scenario, climb.session.robot, reach=climb.problem.limb_reach)

@@ -1,13 +1,13 @@
 """Where a running plan can be left, and the scenario from there on."""
 
 from collections.abc import Callable, Collection
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import knot_times_s
 from crux_contracts.scenario import BodyPose, Scenario, parse_scenario
-from crux_contracts.yaml_document import parse_mapping, values
+from crux_contracts.scenario_document import as_obstacle, scenario_document
 from crux_msgs import plan_t
 
 from crux_planner.errors import InfeasibleError, wrong
@@ -73,7 +73,7 @@ def grasps_at(running: plan_t, k: int) -> dict[str, dict[str, str]]:
 
 def edited(scenario: Scenario, edit: Callable[[dict[str, Any]], None]) -> Scenario:
     """The scenario with its document changed in place by `edit`. Raises ScenarioError where that makes none."""
-    content = cast(dict[str, Any], values(parse_mapping(scenario.yaml_text.encode(), scenario.path)))
+    content = scenario_document(scenario.yaml_text, scenario.path)
     edit(content)
     return parse_scenario(content, scenario.path)
 
@@ -111,11 +111,4 @@ def _rewrite(
     lost = [hold for hold in content["holds"] if hold["name"] in without]
     if lost:
         content["holds"] = [hold for hold in content["holds"] if hold["name"] not in without]
-        content["obstacles"] = [*content.get("obstacles", []), *map(_as_obstacle, lost)]
-
-
-def _as_obstacle(hold: dict[str, Any]) -> dict[str, Any]:
-    """The box around a hold of a file of either version."""
-    kept = ("name", "position_m", "size_m", "yaw_deg", "pose")
-    shape = {"shape": {"box_m": hold["shape"]["box_m"]}} if "shape" in hold else {}
-    return {key: hold[key] for key in kept if key in hold} | shape
+        content["obstacles"] = [*content.get("obstacles", []), *map(as_obstacle, lost)]

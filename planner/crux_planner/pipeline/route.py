@@ -10,13 +10,13 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Cuboid, Scenario, parse_scenario
-from crux_contracts.yaml_document import parse_mapping, values
+from crux_contracts.scenario_document import scenario_document
 
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.arrays import Array, Flags
@@ -150,7 +150,7 @@ class _Route:
 
     def __init__(self, scenario: Scenario, robot: Robot) -> None:
         self.scenario, self.robot = scenario, robot
-        self.document = cast(dict[str, Any], values(parse_mapping(scenario.yaml_text.encode(), scenario.path)))
+        self.document = scenario_document(scenario.yaml_text, scenario.path)
         self.start = _Place(np.array(scenario.start.body.position_m), np.array(scenario.start.body.rpy_deg))
         self.goal = _Place(np.array(scenario.goal.body.position_m), np.array(scenario.goal.body.rpy_deg))
         self._reach_m = reach_m(robot)

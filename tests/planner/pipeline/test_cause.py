@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import pytest
 from crux_contracts.robot import Robot
+from crux_contracts.scenario_types import SIZE_M
 from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.pipeline import cause
@@ -16,6 +19,7 @@ from crux_planner.pipeline.session import RefusedWay, Session, Work
 from crux_planner.pipeline.solve_and_check import Climb, _in_steps
 from crux_planner.search.stances import Oracles, SearchReport
 from crux_planner.solvers import clock
+from leaning import leaning
 from walls import blocked, scenario, two_rows
 
 
@@ -114,6 +118,19 @@ def test_what_is_made_easier_is_so_for_planner_and_check_alike(climb: Climb, eas
     for read, tried in zip(again.contacts, rougher.problem.contacts, strict=True):
         assert read.friction == pytest.approx(tried.friction)
         assert tried.friction.max() == pytest.approx(3.3)
+
+
+def test_an_obstacle_of_either_version_is_made_smaller_where_it_stands(robot: Robot, tmp_path: Path) -> None:
+    wall, work = leaning({"+x": 30, "-x": 30}), Work(lambda _what, _share: None, lambda _line: None)
+    pose, size = {"position_m": [0.225, 0.6, 0.01], "rpy_deg": [0.0, -20.0, 5.0]}, [0.02, 0.2, 0.1]
+    turned = scenario(wall | {"obstacles": [{"name": "slab", "pose": pose, "shape": {"box_m": size}}]})
+    for read in (scenario(blocked(1.0)), turned):
+        session = Session(read, robot, work, clock.now() + 60.0, 60.0, "auto")
+        climb = Climb(session, Oracles.of(build_problem(read, robot)))
+        passage = relaxations(climb, "passage", tmp_path)[0]
+        (before,), (after,) = read.obstacles, passage.climb(climb, 10).session.scenario.obstacles
+        assert after.size_m == pytest.approx([max(0.5 * edge, SIZE_M[0]) for edge in before.size_m])
+        assert replace(after, size_m=before.size_m) == before
 
 
 def test_a_limb_that_only_an_obstacle_stops_lacks_a_passage(robot: Robot) -> None:
