@@ -7,18 +7,18 @@ import argparse
 from pathlib import Path
 
 import crux_planner
-import yaml
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import Scenario, ScenarioError, parse_scenario
+from crux_contracts.scenario_document import scenario_document
 
 
 def with_friction(text: str, factor: float) -> Scenario:
     """The same wall, all faces of its holds `factor` times as rough."""
-    wall = yaml.safe_load(text)
+    wall = scenario_document(text)
     for hold in wall["holds"]:
         of = hold["friction"]
         hold["friction"] = {face: factor * mu for face, mu in of.items()} if isinstance(of, dict) else factor * of
-    return parse_scenario(yaml.safe_dump(wall))
+    return parse_scenario(wall)
 
 
 def main(words: list[str] | None = None) -> None:

@@ -10,10 +10,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.output_file import look_at_folder
 from crux_contracts.robot import load_robot
+from crux_contracts.scenario_document import scenario_document
 from crux_tools.arguments import whole
 from crux_tools.errors import WorkFailed
 from crux_tools.output import note, print_json
@@ -88,7 +88,7 @@ def mishaps(plan: Any, breaks: bool) -> list[Mishap]:
     """
     places = np.array([hold.position_w_m for hold in plan.holds])
     found, start = list[Mishap](), {limb.hold for limb in plan.knots[0].limbs}
-    grasps = (yaml.safe_load(plan.scenario_yaml)["goal"].get("grasps") or {}).values()
+    grasps = (scenario_document(plan.scenario_yaml)["goal"].get("grasps") or {}).values()
     wanted = {k for k, hold in enumerate(plan.holds) if hold.name in [grasp["hold"] for grasp in grasps]}
     for k, knot in enumerate(plan.knots[:-1]):
         held = [limb.hold for limb in knot.limbs]

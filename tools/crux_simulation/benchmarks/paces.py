@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from crux_contracts.output_file import look_at_folder
+from crux_contracts.scenario_document import scenario_document
 from crux_contracts.scenario_types import OBJECTIVES
 from crux_msgs import robot_state_t
 from crux_tools.output import note, print_json, progress
@@ -45,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def climbed(scene: str, objective: str, folder: Path) -> Pace:
     """Plans and climbs a scene with this objective; scenario, plan and log stay in `folder`."""
-    content = yaml.safe_load((SCENARIOS / f"{scene}.yaml").read_text(encoding="utf-8"))
+    content = scenario_document((SCENARIOS / f"{scene}.yaml").read_text(encoding="utf-8"))
     content["planner"] = {**content.get("planner", {}), "objective": objective}
     scenario, plan, log = (folder / f"{scene}-{objective}.{end}" for end in ("yaml", "plan.mcap", "log.mcap"))
     scenario.write_text(yaml.safe_dump(content), encoding="utf-8")

@@ -19,6 +19,7 @@ import yaml
 from crux_contracts.output_file import look_at_folder
 from crux_contracts.plan_file import write_plan
 from crux_contracts.scenario import Scenario, load_scenario, parse_scenario
+from crux_contracts.scenario_document import scenario_document
 from crux_tools.arguments import whole
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import note, print_json
@@ -94,7 +95,7 @@ class MarginJob(ClimbJob):
 
 def scenarios_of(path: Path) -> dict[str, str]:
     """The scenario without and with its uncertainty, as YAML text. Raises ScenarioError."""
-    text = yaml.safe_load(load_scenario(path).yaml_text)
+    text = scenario_document(load_scenario(path).yaml_text, str(path))
     known = text.pop("uncertainty", AS_DRAWN)
     return {name: yaml.safe_dump(text | more) for name, more in ((USUAL, {}), (SURE, {"uncertainty": known}))}
 

@@ -13,6 +13,7 @@ from typing import Any
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario, Wall, parse_scenario
+from crux_contracts.scenario_document import Foot, foot_of, set_foot
 
 Content = dict[str, Any]
 Sketch = dict[str, Any]
@@ -67,7 +68,7 @@ def places_of(content: Content) -> Places:
 def sketch_of(content: Content, scenario: Scenario, places: Places) -> Sketch:
     """What the page begins with."""
     bodies = [
-        {"id": number, "obstacle": kind == "obstacles", **_body(content[kind][index], content["version"])}
+        {"id": number, "obstacle": kind == "obstacles", **_body(content[kind][index])}
         for number, (kind, index) in places.items()
     ]
     return {
@@ -80,15 +81,10 @@ def sketch_of(content: Content, scenario: Scenario, places: Places) -> Sketch:
     }
 
 
-def _body(item: Content, version: int) -> Content:
-    if version == 1:
-        position, size, yaw, lean = item["position_m"], item["size_m"], item.get("yaw_deg", 0.0), {}
-    else:
-        pose, shape = item["pose"], item["shape"]
-        position, size, lean = pose["position_m"][:2], shape["box_m"], shape.get("lean_deg", {})
-        yaw = pose.get("rpy_deg", [0.0, 0.0, 0.0])[2]
-    body = {"name": item["name"], "position_m": position, "size_m": size, "yaw_deg": yaw, "lean_deg": lean}
-    return body | {"friction": item.get("friction")}
+def _body(item: Content) -> Content:
+    foot, lean_deg = foot_of(item), item.get("shape", {}).get("lean_deg", {})
+    body = {"position_m": list(foot.position_m), "size_m": list(foot.size_m), "yaw_deg": foot.yaw_deg}
+    return {"name": item["name"], **body, "lean_deg": lean_deg, "friction": item.get("friction")}
 
 
 def content_with(
@@ -140,20 +136,15 @@ def _set_version_2(content: Content, sketch: Sketch) -> None:
 
 def _changed(item: Content | None, body: Content, version: int) -> Content:
     """An item of a file's list with what the page has of it."""
-    old = None if item is None else _body(item, version)
-    new = deepcopy(item) if item is not None else {}
-    _set(new, "name", body["name"])
-    x, y = body["position_m"]
-    if version == 1:
-        _set(new, "position_m", [x, y])
-        _set(new, "size_m", body["size_m"])
-        _set(new, "yaw_deg", body["yaw_deg"], 0.0)
+    (x, y), size = body["position_m"], body["size_m"]
+    if item is not None:
+        new = deepcopy(item)
+    elif version == 1:
+        new = {"name": body["name"], "position_m": [x, y], "size_m": size}
     else:
-        pose, shape = new.setdefault("pose", {}), new.setdefault("shape", {})
-        _set(pose, "position_m", [x, y, *(pose.get("position_m") or [0, 0, 0.0])[2:]])
-        if old is None or old["yaw_deg"] != body["yaw_deg"]:
-            pose["rpy_deg"] = [*pose.get("rpy_deg", [0.0, 0.0, 0.0])[:2], body["yaw_deg"]]
-        _set(shape, "box_m", body["size_m"])
+        new = {"name": body["name"], "pose": {"position_m": [x, y, 0.0]}, "shape": {"box_m": size}}
+    _set(new, "name", body["name"])
+    set_foot(new, Foot((x, y), tuple(size), body["yaw_deg"]))
     if not body["obstacle"]:
         _set(new, "friction", body["friction"])
     return new
