@@ -9,17 +9,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import Scenario, load_scenario
+from crux_contracts.scenario import Scenario, load_scenario, parse_scenario
 from crux_msgs import robot_state_t
 from crux_planner import Planner
 from crux_tools.errors import UsageError
 from crux_tools.guide.stance import scenario_from
+from crux_tools.paths import ROOT
 from crux_tools.telemetry.rotations import rotation_from_rpy
 
 SCENE = Path(__file__).parents[2] / "msgs" / "scenarios" / "climb-four-holds.yaml"
-PAD_M = 0.03
+PAD_M, LEAN_DEG = 0.03, 35.0
 STANCE, SWING = 0, 4
 LOW = ("left-front-low", "right-front-low", "left-rear-low", "right-rear-low")
 
@@ -38,9 +40,11 @@ def hanging(
     rpy_rad: Any,
     air: int = -1,
     state: int = robot_state_t.IDLE,
+    opening_m: float = 0.031,
+    off_x_m: float = 0.0,
 ) -> Any:
-    """What a runtime says of a robot on these holds, its grippers on their x faces. One that is IDLE without a plan
-    does not know where the body is."""
+    """What a runtime says of a robot on these holds, its grippers on their x faces, so far off their middles. One that
+    is IDLE without a plan does not know where the body is."""
     rotation = rotation_from_rpy(rpy_rad)
     knows = state != robot_state_t.IDLE
     shown, origin = (np.eye(3), np.zeros(3)) if knows else (rotation.T, np.array(body_m))
@@ -52,8 +56,9 @@ def hanging(
     references, telemetry = [], []
     for limb, name in enumerate(holds):
         hold = scenario.holds[scenario.hold_index(name)]
-        place = np.array([*hold.position_m, PAD_M + (0.06 if limb == air else 0.0)])
-        references.append(SimpleNamespace(phase=SWING if limb == air else STANCE, finger_opening_m=0.031))
+        x, y = hold.position_m
+        place = np.array([x + off_x_m, y, PAD_M + (0.06 if limb == air else 0.0)])
+        references.append(SimpleNamespace(phase=SWING if limb == air else STANCE, finger_opening_m=opening_m))
         telemetry.append(
             SimpleNamespace(
                 gripper_position_w_m=(shown @ (place - origin)).tolist(), gripper_quaternion_w=quaternion(shown)
@@ -94,6 +99,28 @@ def test_a_runtime_that_holds_knows_which_it_is_and_a_plan_goes_on(scenario: Sce
     plan = Planner(moved, robot).plan(time_limit_s=20.0).plan
     assert [limb.hold >= 0 for limb in plan.knots[0].limbs] == [True, False, True, True]
     assert plan.knots[-1].body_position_w_m == pytest.approx(scenario.goal.body.position_m, abs=0.01)
+
+
+def test_a_robot_is_found_on_holds_whose_faces_lean_and_one_that_has_moved_keeps_its_shape() -> None:
+    """By the wall's geometry: at the pads' height a face that leans is nearer to the hold's middle."""
+    robot, wall = load_robot("scaler"), yaml.safe_load((ROOT / "examples" / "leaning-holds.yaml").read_text())
+    for hold in wall["holds"]:
+        hold["shape"]["lean_deg"] = {"+x": LEAN_DEG}
+    leaning, lean_rad = parse_scenario(wall), math.radians(LEAN_DEG)
+    radius_m, half_m = robot.gripper.pad_radius_m, leaning.holds[0].size_m[0] / 2
+    in_m = PAD_M * math.tan(lean_rad) - radius_m * (1 / math.cos(lean_rad) - 1)
+    status = hanging(
+        leaning, LOW, [0.0, 0.0, 0.185], [0.0] * 3, state=robot_state_t.HOLDING, opening_m=half_m - in_m / 2,
+        off_x_m=-in_m / 2,
+    )  # fmt: skip
+    status.telemetry[1].gripper_position_w_m[1] -= 0.012
+    moved, stance = scenario_from(leaning, robot, status, {})
+    assert tuple(moved.start.grasps[limb].hold for limb in LIMB_NAMES) == LOW
+    assert stance.off_m < 0.012
+    assert stance.position_W_m[0] == pytest.approx(0.0, abs=0.002)
+    before, after = (each.holds[each.hold_index(LOW[1])] for each in (leaning, moved))
+    assert after.position_m[1] - before.position_m[1] == pytest.approx(-0.009, abs=0.002)  # the body gives in to it
+    assert (after.lean_deg, after.size_m, after.yaw_deg) == (before.lean_deg, before.size_m, before.yaw_deg)
 
 
 def test_what_fits_no_holds_is_said(scenario: Scenario) -> None:

@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import knot_times_s
 from crux_contracts.scenario import Scenario, parse_scenario
-from crux_contracts.yaml_document import parse_mapping, values
+from crux_contracts.scenario_document import foot_of, moved, scenario_document, set_foot
 from crux_msgs import limb_knot_t, plan_t, status_t
 
-from crux_tools.guide.situation import SHIFT_M, TURN_RAD, at_most, yaw_of
+from crux_tools.guide.situation import IN_PLAN, MEASURED, SHIFT_M, TURN_RAD, at_most, shift_of, yaw_of
 
 STANCE = 0  # limb_reference_t.phase
 
@@ -27,7 +26,7 @@ class Found:
     """that grips it"""
     hold: str
     shift_m: tuple[float, float]
-    """to where it is, along x and y of W; 0, 0 where that is as on the map"""
+    """of the middle of its foot to where it is, along x and y of W; 0, 0 where that is as on the map"""
     turned_rad: float
     friction: float | None
     """at which it slipped, where that is less than on the map"""
@@ -57,10 +56,10 @@ def found_holds(plan: plan_t, status: status_t) -> list[Found]:
         bears = reference.phase == STANCE and reference.load >= 1.0 and any(telemetry.force_reference_w_n)
         if grip.phase != limb_knot_t.STANCE or grip.hold < 0 or not bears:
             continue
-        shift = [a - b for a, b in zip(telemetry.gripper_position_w_m, grip.gripper_position_w_m, strict=True)]
-        shift_m = (shift[0], shift[1]) if math.hypot(*shift[:2]) > SHIFT_M else (0.0, 0.0)
         turned_rad = yaw_of(telemetry, grip.gripper_yaw_w_rad) - grip.gripper_yaw_w_rad
         turned_rad = turned_rad if abs(turned_rad) > TURN_RAD else 0.0
+        shift_m = shift_of(plan.holds[grip.hold], grip, telemetry, turned_rad)
+        shift_m = shift_m if math.hypot(*shift_m) > SHIFT_M else (0.0, 0.0)
         slipped_at = telemetry.slip_friction
         friction = slipped_at if 0.0 < slipped_at < grip.friction else None
         if any(shift_m) or turned_rad or friction is not None:
@@ -70,12 +69,11 @@ def found_holds(plan: plan_t, status: status_t) -> list[Found]:
 
 def scenario_with(plan: plan_t, found: Sequence[Found]) -> Scenario:
     """The plan's scenario with these holds as they were found. Raises ScenarioError where that makes none."""
-    content: Any = values(parse_mapping(plan.scenario_yaml.encode(), "the scenario in the plan"))
+    content = scenario_document(plan.scenario_yaml, IN_PLAN)
     holds = {hold["name"]: hold for hold in content["holds"]}
     for each in found:
         hold = holds[each.hold]
-        hold["position_m"] = [float(a + b) for a, b in zip(hold["position_m"], each.shift_m, strict=True)]
-        hold["yaw_deg"] = hold.get("yaw_deg", 0.0) + math.degrees(each.turned_rad)
+        set_foot(hold, moved(foot_of(hold), each.shift_m, each.turned_rad))
         if each.friction is not None:
             hold["friction"] = at_most(hold["friction"], each.friction)
-    return parse_scenario(content, "the wall as measured")
+    return parse_scenario(content, MEASURED)

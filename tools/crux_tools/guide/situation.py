@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import FAULT_BY_CODE
+from crux_contracts.gripper_frames import yaw_and_tilt
 from crux_contracts.interpolation import knot_times_s
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import FACE_NAMES, Scenario, parse_scenario
-from crux_msgs import limb_knot_t, limb_reference_t, limb_telemetry_t, plan_t, status_t
+from crux_contracts.scenario import FACE_NAMES, Scenario, ScenarioError, parse_scenario
+from crux_contracts.scenario_document import (
+    Document,
+    as_obstacle,
+    foot_of,
+    moved,
+    scenario_document,
+    set_foot,
+)
+from crux_contracts.yaml_document import Problem
+from crux_msgs import hold_t, limb_knot_t, limb_reference_t, limb_telemetry_t, plan_t, status_t
 
 from crux_tools.operator_status import GRIPPING
+from crux_tools.telemetry.rotations import rotations_from_quaternions
 
 COMING = (5, 6)  # descend, close
 NOT_GRIPPED = ("event_timeout", "tracking_error", "ik_failed", "grasp_failed", "hold_missing")
@@ -24,6 +34,7 @@ FITS_M = 0.01  # grips off each other by more: the body is not where it seems
 SHIFT_M, TURN_RAD = 0.005, 0.035  # that a hold is off the map at least where it is moved there
 LEAST_STEPS = 60  # of the horizon: the way on may be a detour
 INSIDE_M, INSIDE_RAD = 0.002, 0.01  # kept of the body's bounds (7)
+IN_PLAN, MEASURED = "the scenario in the plan", "the wall as measured"  # in messages
 
 
 @dataclass(frozen=True)
@@ -93,7 +104,7 @@ class Situation:
 
     def wanted_in_vain(self) -> list[str]:
         """What the goal asks for that is no hold any more."""
-        grasps = yaml.safe_load(self.plan.scenario_yaml)["goal"].get("grasps") or {}
+        grasps = scenario_document(self.plan.scenario_yaml, IN_PLAN)["goal"].get("grasps") or {}
         return [f"{limb} on {grasp['hold']}" for limb, grasp in grasps.items() if grasp["hold"] in self.useless()]
 
     def _phase(self, limb: int) -> int:
@@ -101,12 +112,26 @@ class Situation:
 
     def scenario(self, goal: dict[str, Any] | None = None) -> Scenario:
         """The plan's scenario from here on, to its own goal or another. Raises ScenarioError."""
-        content = yaml.safe_load(self.plan.scenario_yaml)
+        content = scenario_document(self.plan.scenario_yaml, IN_PLAN)
         self._measure(content)
         content["start"] = self._start()
         content["goal"] = goal or content["goal"]
         content["horizon"]["steps"] = max(content["horizon"]["steps"], LEAST_STEPS)
-        return parse_scenario(yaml.safe_dump(content, sort_keys=False), "the wall as measured")
+        made = parse_scenario(content, MEASURED)
+        if made.tilts:
+            self._upright_in_air(made)
+        return made
+
+    def _upright_in_air(self, scenario: Scenario) -> None:
+        """Raises ScenarioError where a gripper in the air is not upright, as scenarios have it."""
+        for name in scenario.start.air:
+            telemetry = self.status.telemetry[LIMB_NAMES.index(name)]
+            off_rad = float(np.linalg.norm(_yaw_and_tilt(telemetry)[1]))
+            if off_rad > TURN_RAD:
+                why = "a plan begins with grippers in the air upright on the wall, expected at most"
+                found = f"tilted by {math.degrees(off_rad):.0f} degrees"
+                problem = Problem(f"start.air.{name}", found, f"{why} {math.degrees(TURN_RAD):.0f}")
+                raise ScenarioError(MEASURED, [problem])
 
     def safe_goals(self) -> list[dict[str, Any]]:
         """Goals on the plan's stances behind, the last first, whose holds are still holds."""
@@ -145,24 +170,19 @@ class Situation:
         rpy_rad = [*np.clip([roll, pitch], -tilt, tilt), turned]
         return {"position_m": [*state.body_position_w_m[:2], height], "rpy_deg": np.degrees(rpy_rad).tolist()}
 
-    def _measure(self, content: dict[str, Any]) -> None:
+    def _measure(self, content: Document) -> None:
         """Holds to where they are gripped, as wide as they are there, with the friction they slipped at; what is no
         hold becomes an obstacle."""
         useless = self.useless()
         for limb in filter(self.grips, range(len(LIMB_NAMES))):
             hold = next(each for each in content["holds"] if each["name"] == self.hold(limb))
-            telemetry, reference = self.status.telemetry[limb], self.status.reference[limb]
-            place = np.array(telemetry.gripper_position_w_m[:2])
-            if np.linalg.norm(place - hold["position_m"]) > SHIFT_M:
-                hold["position_m"] = place.tolist()
-            turned = yaw_of(telemetry, reference.gripper_yaw_w_rad) - reference.gripper_yaw_w_rad
-            if abs(turned) > TURN_RAD:
-                hold["yaw_deg"] = hold.get("yaw_deg", 0.0) + math.degrees(turned)
-            across = FACE_NAMES[self.grasp(limb).finger1_face][1:]  # the axis between the fingers
-            size_m, width_m = list(hold["size_m"]), 2 * reference.finger_opening_m
-            if width_m > 0.0 and abs(width_m - size_m["xy".index(across)]) > SHIFT_M:
-                size_m["xy".index(across)] = width_m
-                hold["size_m"] = size_m
+            telemetry, grasp = self.status.telemetry[limb], self.grasp(limb)
+            turned_rad = self._turned(limb)
+            turned_rad = turned_rad if abs(turned_rad) > TURN_RAD else 0.0
+            shift_m = shift_of(self.plan.holds[grasp.hold], grasp, telemetry, turned_rad)
+            shift_m = shift_m if math.hypot(*shift_m) > SHIFT_M else (0.0, 0.0)
+            foot = moved(foot_of(hold), shift_m, turned_rad)
+            set_foot(hold, replace(foot, size_m=self._as_wide(foot.size_m, limb)))
             if telemetry.slip_friction > 0.0:
                 hold["friction"] = at_most(hold["friction"], telemetry.slip_friction)
         for lost in [each for each in content["holds"] if each["name"] in useless]:
@@ -170,17 +190,33 @@ class Situation:
             if (obstacle := self._left_of(lost, useless[lost["name"]])) is not None:
                 content["obstacles"] = [*content.get("obstacles", []), obstacle]
 
-    def _left_of(self, hold: dict[str, Any], limb: int) -> dict[str, Any] | None:
+    def _as_wide(self, size_m: tuple[float, float, float], limb: int) -> tuple[float, float, float]:
+        """A hold's size, as much wider between the fingers as these are further apart than they were planned."""
+        opening_m, grasp = self.status.reference[limb].finger_opening_m, self.grasp(limb)
+        wider_m = 2 * opening_m - grasp.finger_separation_m
+        if opening_m <= 0.0 or abs(wider_m) <= SHIFT_M:
+            return size_m
+        x, y, z = size_m
+        across = FACE_NAMES[grasp.finger1_face][1:]  # the axis between the fingers
+        return (x + wider_m, y, z) if across == "x" else (x, y + wider_m, z)
+
+    def _turned(self, limb: int) -> float:
+        """By which a limb's gripper is turned from its reference [rad]."""
+        reference = self.status.reference[limb]
+        return yaw_of(self.status.telemetry[limb], reference.gripper_yaw_w_rad) - float(reference.gripper_yaw_w_rad)
+
+    def _left_of(self, hold: Document, limb: int) -> Document | None:
         """What stands where a hold was: nothing where fingers closed further than it is wide, else an obstacle; where
         fingers are about it they show its place."""
-        telemetry, reference = self.status.telemetry[limb], self.status.reference[limb]
-        place = np.array(telemetry.gripper_position_w_m[:2])
-        left: dict[str, Any] = {key: hold[key] for key in ("name", "position_m", "size_m", "yaw_deg") if key in hold}
-        if np.linalg.norm(place - hold["position_m"]) < min(hold["size_m"][:2]) / 2:
+        telemetry, grasp = self.status.telemetry[limb], self.grasp(limb)
+        off_m = np.subtract(telemetry.gripper_position_w_m, grasp.gripper_position_w_m)[:2]
+        left, foot = as_obstacle(hold), foot_of(hold)
+        if np.linalg.norm(off_m) < min(foot.size_m[:2]) / 2:
             if self._phase(limb) in GRIPPING:
                 return None
-            turned = yaw_of(telemetry, reference.gripper_yaw_w_rad) - reference.gripper_yaw_w_rad
-            left |= {"position_m": place.tolist(), "yaw_deg": left.get("yaw_deg", 0.0) + math.degrees(turned)}
+            turned_rad = self._turned(limb)
+            shift_m = shift_of(self.plan.holds[grasp.hold], grasp, telemetry, turned_rad)
+            set_foot(left, moved(foot, shift_m, turned_rad))
         return left
 
 
@@ -201,11 +237,24 @@ def at_most(friction: Any, most: float) -> Any:
     return min(friction, most)
 
 
+def shift_of(hold: hold_t, grip: limb_knot_t, telemetry: limb_telemetry_t, turned_rad: float) -> tuple[float, float]:
+    """By which the middle of a hold's foot is off the plan's along x and y of W [m], where its gripper, that is off
+    the planned grip, goes with the hold, and this is turned about W's z."""
+    c, s = math.cos(turned_rad), math.sin(turned_rad)
+    x, y = np.subtract(grip.gripper_position_w_m, hold.position_w_m)[:2]
+    at_x, at_y = telemetry.gripper_position_w_m[:2]
+    foot_x, foot_y = hold.position_w_m[:2]
+    return float(at_x - (c * x - s * y) - foot_x), float(at_y - (s * x + c * y) - foot_y)
+
+
 def yaw_of(telemetry: limb_telemetry_t, near: float) -> float:
-    """Of the gripper's opening axis in the wall's plane, the one nearest to another."""
-    w, x, y, z = telemetry.gripper_quaternion_w
-    yaw = math.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
-    return near + math.remainder(yaw - near, 2 * math.pi)
+    """Of the gripper, its tilt left out, the one nearest to another [rad]."""
+    return near + math.remainder(_yaw_and_tilt(telemetry)[0] - near, 2 * math.pi)
+
+
+def _yaw_and_tilt(telemetry: limb_telemetry_t) -> tuple[float, Any]:
+    (rotation,) = rotations_from_quaternions(np.array([telemetry.gripper_quaternion_w], dtype=float))
+    return yaw_and_tilt(rotation)
 
 
 def _rpy(quaternion: Any) -> tuple[float, float, float]:

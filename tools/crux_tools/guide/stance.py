@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import FACE_NAMES, Scenario, parse_scenario
+from crux_contracts.scenario_document import foot_of, moved, scenario_document, set_foot
 from crux_msgs import robot_state_t
+from crux_planner import Faces
 from numpy.typing import NDArray
 
 from crux_tools.errors import UsageError
@@ -80,15 +81,19 @@ def felt_of(status: Any) -> list[Felt]:
 
 
 def places_of(scenario: Scenario, robot: Robot) -> list[Place]:
-    """All that the gripper can span, pads in mid-height of what they reach."""
-    low, high = robot.grasp.pad_height_m
+    """All that the gripper can span, pads as high as a plan has them."""
+    palm_m = robot.gripper.finger_height_m
     places = []
     for number, hold in enumerate(scenario.holds):
-        top = min(high, hold.size_m[2] - robot.gripper.pad_radius_m)
-        centre = np.array([*hold.position_m, (min(low, top) + top) / 2])
-        for face, name in enumerate(FACE_NAMES[:4]):
-            yaw = hold.yaw_rad + (face // 2) * math.pi / 2 + (face % 2) * math.pi
-            places.append(Place(number, name, centre, yaw, hold.size_m[face // 2] / 2))
+        for pair in (0, 1):
+            faces = Faces.of(hold, pair, robot, scenario.contact.patch_radius_m, palm_m)
+            if faces is None:
+                continue
+            yaw = hold.yaw_rad + pair * math.pi / 2
+            middle = np.array([*hold.position_m, hold.foot_z_m])
+            centre = middle + _turn(yaw) @ [faces.off_m, faces.aside_m, faces.height_m]
+            for way, name in enumerate(FACE_NAMES[2 * pair : 2 * pair + 2]):
+                places.append(Place(number, name, centre, yaw + way * math.pi, faces.half_m))
     return places
 
 
@@ -212,7 +217,7 @@ def scenario_from(scenario: Scenario, robot: Robot, status: Any, on: Mapping[str
         near = np.array(state.body_position_w_m), rotation
     felt = felt_of(status)
     stance = recognise(scenario, robot, felt, on, near)
-    content = yaml.safe_load(scenario.yaml_text)
+    content = scenario_document(scenario.yaml_text, scenario.path)
     start: dict[str, Any] = {"body": _body(stance, robot), "grasps": {}, "air": {}}
     for limb, name in enumerate(LIMB_NAMES):
         at = stance.position_W_m + stance.rotation_WB @ felt[limb].position_B_m
@@ -220,8 +225,8 @@ def scenario_from(scenario: Scenario, robot: Robot, status: Any, on: Mapping[str
             place = stance.places[limb]
             hold = content["holds"][place.hold]
             start["grasps"][name] = {"hold": hold["name"], "faces": place.finger1[1:], "finger1": place.finger1}
-            if np.linalg.norm(at[:2] - place.centre_W_m[:2]) > SHIFT_M:
-                hold["position_m"] = [float(v) for v in at[:2]]
+            if np.linalg.norm(off_m := (at - place.centre_W_m)[:2]) > SHIFT_M:
+                set_foot(hold, moved(foot_of(hold), off_m.tolist(), 0.0))
         else:
             axis = stance.rotation_WB @ felt[limb].rotation_BG[:, 0]
             yaw_deg = math.degrees(math.atan2(axis[1], axis[0]))
@@ -229,7 +234,7 @@ def scenario_from(scenario: Scenario, robot: Robot, status: Any, on: Mapping[str
             start["air"][name] = {"position_m": position_m, "yaw_deg": yaw_deg, "opening_m": felt[limb].opening_m}
     content["start"] = start
     content["horizon"]["steps"] = max(content["horizon"]["steps"], LEAST_STEPS)
-    return parse_scenario(yaml.safe_dump(content, sort_keys=False), "the robot's place"), stance
+    return parse_scenario(content, "the robot's place"), stance
 
 
 def _body(stance: Stance, robot: Robot) -> dict[str, Any]:
