@@ -93,7 +93,7 @@ def test_a_data_frame_has_a_row_a_knot(result: crux_planner.PlanResult, monkeypa
     assert table.index[0] == "time_s"
     assert table.index[1].tolist() == arrays.time_s.tolist()
     assert all(column.shape == arrays.time_s.shape for column in table.columns.values())
-    assert len(table.columns) == 12 + 4 * (5 + 3 + 6 + 12 + 1)
+    assert len(table.columns) == 12 + 4 * (5 + 3 + 2 + 6 + 12 + 1)
     assert table.columns["body_rpy_rad_yaw"].tolist() == arrays.body_rpy_rad[:, 2].tolist()
     assert table.columns["RR_wrench_mz"].tolist() == arrays.wrench[:, 3, 5].tolist()
     assert table.columns["LR_finger_force_n_2_y"].tolist() == arrays.finger_force_n[:, 2, 1, 1].tolist()

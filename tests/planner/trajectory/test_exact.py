@@ -303,6 +303,7 @@ def test_problems_with_other_starts_share_a_step_and_each_has_its_own_inertia() 
     total = random.normal(size=(1, 6)) * 20.0
     for each in (problem, other):
         centre = centres_of_mass(each, body[:, :6], hands.reshape(1, 4, 4))[0]
-        after = dynamics.euler_step(*map(ca.DM, (body[0], total[0, :3], total[0, 3:], centre)), each)
+        state, force, moment, at = (ca.DM(value) for value in (body[0], total[0, :3], total[0, 3:], centre))
+        after = dynamics.euler_step(state, force, moment, at, each)
         found = functions.started_elsewhere(each).step(body, total, hands, np.zeros((1, 12)))[0]
         np.testing.assert_allclose(found, np.array(after).T, rtol=1e-10, atol=1e-12)
