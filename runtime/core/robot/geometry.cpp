@@ -54,7 +54,7 @@ Matrix3 rotation_z(double yaw_rad) {
 }
 
 Matrix3 gripper_rotation(double yaw_rad, const Eigen::Vector2d& tilt_rad) {
-  const Matrix3 upright = rotation_z(yaw_rad);
+  Matrix3 upright = rotation_z(yaw_rad);
   if (tilt_rad.isZero(0.0)) return upright;
   return rotation_exp({tilt_rad.x(), tilt_rad.y(), 0.0}) * upright;
 }
