@@ -60,13 +60,7 @@ def build_problem(
 
     Raises ScenarioError and InfeasibleError.
     """
-    if scenario.contact.model != "patch":
-        raise wrong(scenario, "contact.model", scenario.contact.model, "expected patch: this is about climbs")
-    if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
-        most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
-        raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)
-    if scenario.uncertainty is not None and scenario.not_upright:
-        raise wrong(scenario, "uncertainty", "", f"is not supported yet where {scenario.not_upright}")
+    _is_about_climbs(scenario, robot)
     _fits_one_plan(scenario)
     bounds, margins = robot.body, scenario.planner.margins
     body = BodyBounds(bounds.height_m, bounds.max_tilt_rad, bounds.max_speed_m_s, bounds.max_rate_rad_s)
@@ -113,6 +107,17 @@ def build_problem(
         limit_surface=scenario.planner.limit_surface,
     )
     return problem if scenario.uncertainty is None else problem.sure_of(scenario.uncertainty)
+
+
+def _is_about_climbs(scenario: Scenario, robot: Robot) -> None:
+    """Raises ScenarioError where contacts or what is uncertain cannot be planned for."""
+    if scenario.contact.model != "patch":
+        raise wrong(scenario, "contact.model", scenario.contact.model, "expected patch: this is about climbs")
+    if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
+        most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
+        raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)
+    if scenario.uncertainty is not None and scenario.not_upright:
+        raise wrong(scenario, "uncertainty", "", f"is not supported yet where {scenario.not_upright}")
 
 
 def _fits_one_plan(scenario: Scenario) -> None:
