@@ -43,13 +43,25 @@ def heard(live: Live, least_s: float, most_s: float = float("inf")) -> Recording
     return live.recording()
 
 
+def settled(live: Live) -> Recording:
+    """What is heard once nothing that waits in a queue is left to be read."""
+    end, recording = time.monotonic() + 600, live.recording()
+    while True:
+        time.sleep(0.2)
+        before, recording = recording, live.recording()
+        if recording is before:
+            return recording
+        assert time.monotonic() < end
+
+
 @pytest.mark.alone
 def test_rows_are_those_of_the_log(url: str, log_path: Path) -> None:
     log = read_log(log_path)
     live = Live(url, made_up_plan())
     play(log_path, url, "0.4", "2.2")
     live.wait_for_first()
-    recording = heard(live, 2.1)
+    heard(live, 2.1)
+    recording = settled(live)
     assert live.recording() is recording  # nothing new
     cycles = recording.log.state["cycle"]
     assert len(cycles) > 0.8 * 85  # 50 Hz; the kernel may drop some
