@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crux_contracts import LIMB_NAMES
-from crux_contracts.robot import Robot, RobotError, load_robot
+from crux_contracts.robot import Limb, Robot, RobotError, load_robot
 from crux_contracts.robot_bounds import STILL_RAD
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner.checker.inverse_kinematics import solve
@@ -76,12 +76,7 @@ def test_the_compiled_reach_is_numpys(robot: Robot, monkeypatch: pytest.MonkeyPa
     for reach in reaches_of(robot)[1:3]:
         assert isinstance(reach, ChainReach)
         limb, random = reach.limb, np.random.default_rng(6)
-        off = np.array([0.23, 0.1, -0.16]) * [*np.sign(limb.shoulder_b_m[:2]), 1.0]
-        place = limb.shoulder_b_m + off + random.uniform(-1.0, 1.0, (4000, 3)) * [0.12, 0.12, 0.03]
-        if limb.still:  # straight ahead alone, or nothing is reached
-            place[:, 1] = limb.shoulder_b_m[1]
-        turns = random.uniform(-1.0, 1.0, (3, len(place))) * np.array([[0.3], [0.05], [0.05]]) * (not limb.still)
-        poses = GripperPoses(*place.T, *turns)
+        poses = _made_and_near(limb, random)
         found, expected = reach.reaches(poses), reach.reaches_by_numpy(poses)
         assert 0.02 < expected.mean() < 0.98
         np.testing.assert_array_equal(found, expected)
@@ -94,6 +89,19 @@ def test_the_compiled_reach_is_numpys(robot: Robot, monkeypatch: pytest.MonkeyPa
         monkeypatch.setattr(chain_native, "library", lambda: None)
         np.testing.assert_allclose(seeds, chain_inverse(limb).seeds(q, reached), rtol=1e-6, atol=1e-6)
         monkeypatch.undo()
+
+
+def _made_and_near(limb: Limb, random: np.random.Generator) -> GripperPoses:
+    """Of grippers, half as joints make them, also beyond their limits; and as many off those, which fewer than six
+    joints hardly ever reach.
+    """
+    low, high = limb.lower_rad, limb.upper_rad
+    q = low + random.uniform(-0.05, 1.05, (2000, len(low))) * (high - low)
+    q[:, len(limb.joints) :] = 0.0
+    placed = forward(limb.at_zero, q)
+    place, turned = placed.gripper_m.T, np.moveaxis(placed.rotation, -1, 0)
+    near = place + random.uniform(-0.02, 0.02, place.shape)
+    return GripperPoses.of(np.concatenate([place, near]), np.concatenate([turned, turned]))
 
 
 def test_a_turn_that_no_joint_makes_is_no_reach(tmp_path: Path) -> None:
