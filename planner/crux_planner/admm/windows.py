@@ -144,7 +144,7 @@ def _one_per_pair(problem: Problem, reach: ReachableSet, limb: int, low: Array, 
     """Contacts of a limb within reach from [low, high]; where a pair can be gripped two ways, the less turned one."""
     chosen: dict[tuple[int, int], int] = {}
     start = problem.start_contacts[limb]
-    for c in problem.limb_contacts[limb]:
+    for c in reach.usable[limb]:
         if (reach.low[limb, c] > high).any() or (reach.high[limb, c] < low).any():
             continue
         contact = problem.contacts[c]

@@ -169,7 +169,7 @@ def _swings(costs: EventCost, sequence: Sequence, moves: int) -> list[list[Swing
 
 def _among(costs: EventCost, limb: int, own: list[Swing]) -> list[Swing]:
     problem, reach = costs.problem, costs.reach
-    usable = set(problem.limb_contacts[limb])
+    usable = set(reach.usable[limb])
     near = {problem.start_contacts[limb], *(end for _, end in own)}
     for contact in sorted(near):
         place = problem.contacts[contact].centre_h_m

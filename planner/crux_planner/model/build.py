@@ -72,9 +72,9 @@ def build_problem(
     shape = GripperShape(*gripper.opening_m, *fingers)
     limits = _swing_limits(scenario, robot, reach.box, margins.get("clearance_m", robot.grasp.swing_clearance_m))
     cuboids = cuboids_of(scenario.cuboids, heading)
-    contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
+    contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre, float(goal.rpy_rad[2]))
     contacts += [_in_air(limb, scenario, heading, cuboids, shape) for limb in scenario.start.air]
-    begin = start_contacts(scenario, robot, start, contacts, unusable)
+    begin = start_contacts(scenario, robot, start, contacts, unusable, robot.grasp.gripper_yaw_rad)
     contact, (tolerance_m, tolerance_rad) = scenario.contact, (scenario.goal.tolerance_m, scenario.goal.tolerance_rad)
     problem = Problem(
         steps=scenario.horizon.steps,
@@ -86,7 +86,7 @@ def build_problem(
         cuboids=cuboids,
         hold_names=[hold.name for hold in scenario.holds],
         contacts=contacts,
-        limb_contacts=_limb_contacts(scenario, robot, contacts, begin, float(goal.rpy_rad[2])),
+        limb_contacts=_limb_contacts(scenario, contacts, begin),
         start_contacts=(begin[0], begin[1], begin[2], begin[3]),
         start=start,
         goal=Goal(goal, tolerance_m, tolerance_rad, _goal_grasps(scenario, robot, unusable)),
@@ -141,7 +141,7 @@ def wall_contacts(
     limits = _swing_limits(scenario, robot, reach.box, clearance_m)
     gripper, heading = robot.gripper, scenario.start.body.rpy_rad[2]
     shape = GripperShape(*gripper.opening_m, gripper.open_opening_m, gripper.pad_radius_m, gripper.finger_height_m)
-    return _contacts(scenario, robot, cuboids_of(scenario.cuboids, heading), shape, limits, off_centre)
+    return _contacts(scenario, robot, cuboids_of(scenario.cuboids, heading), shape, limits, off_centre, 0.0)
 
 
 _KNOWN: dict[tuple[str, float], LimbReach] = {}
@@ -186,27 +186,31 @@ def _swing_limits(scenario: Scenario, robot: Robot, boxes: Reach, clearance_m: f
     )
 
 
-def _limb_contacts(
-    scenario: Scenario, robot: Robot, contacts: list[Contact], begin: list[int], final_yaw_rad: float
-) -> list[list[int]]:
-    """By limb, the contacts that its gripper may turn to under the heading of the start and of the goal alike."""
-    low, high = robot.grasp.gripper_yaw_rad
-    low, high = low + max(final_yaw_rad, 0.0), high + min(final_yaw_rad, 0.0)
-    usable = [i for i, c in enumerate(contacts) if low <= c.yaw_rad <= high or i in begin]
+def _limb_contacts(scenario: Scenario, contacts: list[Contact], begin: list[int]) -> list[list[int]]:
+    """By limb, the contacts that are for the finger it hangs on, if for one, and hold."""
     hanging = [scenario.contact.spines_only.get(limb, 0) for limb in LIMB_NAMES]
     return [
-        [i for i in usable if contacts[i].spines_only == finger and (contacts[i].bears or i == here)]
+        [i for i, c in enumerate(contacts) if c.spines_only == finger and (c.bears or i == here)]
         for finger, here in zip(hanging, begin, strict=True)
     ]
 
 
 def _contacts(
-    scenario: Scenario, robot: Robot, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits, off_centre: bool
+    scenario: Scenario,
+    robot: Robot,
+    cuboids: Cuboids,
+    shape: GripperShape,
+    limits: SwingLimits,
+    off_centre: bool,
+    final_yaw_rad: float,
 ) -> tuple[list[Contact], dict[tuple[int, int], str]]:
-    """All grasps the wall offers, and why a (hold, pair) offers none."""
+    """All grasps the wall offers to a body that heads as at the start, as at the goal, or in between, and why a (hold,
+    pair) offers none.
+    """
     contacts: list[Contact] = []
     unusable: dict[tuple[int, int], str] = {}
-    contact, yaw_range = scenario.contact, robot.grasp.gripper_yaw_rad
+    contact, (low, high) = scenario.contact, robot.grasp.gripper_yaw_rad
+    yaw_range = low + min(final_yaw_rad, 0.0), high + max(final_yaw_rad, 0.0)
     palm = robot.gripper.finger_height_m - PASSING_CLEARANCE_M
     for index, hold in enumerate(scenario.holds):
         for pair in (0, 1):
@@ -350,11 +354,18 @@ def _in_air(name: str, scenario: Scenario, heading: float, cuboids: Cuboids, sha
 
 
 def start_contacts(
-    scenario: Scenario, robot: Robot, start: Pose, contacts: list[Contact], unusable: dict[tuple[int, int], str]
+    scenario: Scenario,
+    robot: Robot,
+    start: Pose,
+    contacts: list[Contact],
+    unusable: dict[tuple[int, int], str],
+    turned_rad: tuple[float, float],
 ) -> list[int]:
     """The contacts of the scenario's start, of those of a hold and pair the least turned that the limb reaches with the
-    body at `start`; `unusable` says why a hold and pair has none. Raises ScenarioError.
+    body at `start`, and off its heading by what is in `turned_rad`; `unusable` says why a hold and pair has none.
+    Raises ScenarioError.
     """
+    low, high = np.array(turned_rad) + start.rpy_rad[2]
     chosen, in_air = [], (i for i, c in enumerate(contacts) if not c.bears)  # in the order of start.air
     begun = {limb: next(in_air) for limb in scenario.start.air}
     for limb, own in zip(LIMB_NAMES, robot.limbs, strict=True):
@@ -369,6 +380,7 @@ def start_contacts(
             why = unusable.get((hold, pair), f"finger {finger} never presses, so its face needs spines")
             raise wrong(scenario, f"start.grasps.{limb}", f"{grasp.hold}, faces {grasp.faces}", why)
         found = [i for i in found if grasp.finger1 in (None, FACE_NAMES[contacts[i].finger1_face])]
+        found = [i for i in found if low <= contacts[i].yaw_rad <= high]
         if not found:
             beyond = "expected the other face: with this one the gripper would be turned beyond its range"
             raise wrong(scenario, f"start.grasps.{limb}.finger1", str(grasp.finger1), beyond)

@@ -139,7 +139,7 @@ class Problem(CentroidalProblem):
     cuboids: Cuboids  # holds first, then obstacles
     hold_names: list[str]
     contacts: list[Contact]
-    limb_contacts: list[list[int]]  # per limb, the contacts within its range of yaw
+    limb_contacts: list[list[int]]  # per limb, those that it may hold under some heading
     start_contacts: tuple[int, int, int, int]
     limb_reach: LimbReach  # `boxes` are its box or its inner set
     gripper_yaw_rad: tuple[float, float]  # relative to the body

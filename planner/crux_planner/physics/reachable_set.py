@@ -20,6 +20,7 @@ class ReachableSet:
     def __init__(self, problem: Problem) -> None:
         self.problem, self.shape = problem, between(problem, REACH_RESERVE_M)
         self._spread: Array = np.abs(problem.boxes.directions).sum(axis=1)  # of a cube of half edge 1
+        self.usable = self._under_all_headings()
         centres = np.stack([c.centre_h_m for c in problem.contacts])
         bounds = body_positions(centres[:, None], self.shape)
         self.low, self.high = (np.ascontiguousarray(b.swapaxes(0, 1)) for b in bounds)  # (4, C, m)
@@ -29,6 +30,14 @@ class ReachableSet:
         low = np.maximum(self.low[:, :, None], self.low[:, None])
         high = np.minimum(self.high[:, :, None], self.high[:, None])
         self._meet: Flags = np.all(low <= high, axis=3)  # (4, C, C)
+
+    def _under_all_headings(self) -> list[list[int]]:
+        """By limb, the contacts that its gripper may turn to under the heading of the start and of the goal alike."""
+        problem, (low, high) = self.problem, self.problem.gripper_yaw_rad
+        yaw_rad = float(problem.goal.body.rpy_rad[2])
+        low, high = low + max(yaw_rad, 0.0), high + min(yaw_rad, 0.0)
+        may = [low <= c.yaw_rad <= high or i in problem.start_contacts for i, c in enumerate(problem.contacts)]
+        return [[c for c in own if may[c]] for own in problem.limb_contacts]
 
     def neighbours(self, limb: int, contact: int) -> Indices:
         """Contacts that a limb has in reach from some body position from which it also has `contact`."""
@@ -59,7 +68,7 @@ def goal_contacts(problem: Problem, reach: ReachableSet, tolerance_m: float | No
     """
     low, high = reach.around(problem.goal.body.position_m, tolerance_m or problem.goal.position_slack_m)
     result = []
-    for limb, usable in enumerate(problem.limb_contacts):
+    for limb, usable in enumerate(reach.usable):
         ends = [c for c in usable if problem.may_end(limb, problem.contacts[c])]
         near = [c for c in ends if (reach.low[limb, c] <= high).all() and (reach.high[limb, c] >= low).all()]
         result.append(near)

@@ -281,7 +281,7 @@ class _ByMap:
                     return found
                 self.by_places += found.by_places
                 return _move_at(schedule, found.knot)
-            j, end = _move_at(schedule, start.knot), start.knot > len(schedule.contacts) - 3
+            j, end = _move_at(schedule, start.knot), start.knot > len(schedule.contacts) - 3 and bool(timed.moves)
             if start.by_places:
                 self.by_places = MOST_BY_PLACES
                 return j
@@ -291,7 +291,8 @@ class _ByMap:
             longer[j] += 1
             stances, flown = timed.stances.copy(), timed.swings.copy()
             stances[j + end] += 1
-            flown[j] += None in schedule.contacts[start.knot]
+            if None in schedule.contacts[start.knot]:
+                flown[j] += 1
             timed = replace(timed, stances=stances, swings=flown)
         return None
 

@@ -104,6 +104,8 @@ def level_stance_at_goal(problem: Problem, robot: Robot) -> Stance | None:
     centres = np.stack([c.centre_h_m for c in problem.contacts])
     turns = rotation_z(-goal.body.rpy_rad[2]) @ rotations(hands_of(np.array([c.pose for c in problem.contacts])))
     holds = np.array([c.hold for c in problem.contacts])
+    (low, high), yaw_rad = problem.gripper_yaw_rad, np.array([c.yaw_rad for c in problem.contacts])
+    turned = (low <= yaw_rad - goal.body.rpy_rad[2]) & (yaw_rad - goal.body.rpy_rad[2] <= high)
     corners = np.array([[0.0] * 3, *itertools.product((-1.0, 1.0), repeat=3)])
     for position in goal.body.position_m + goal.position_slack_m * corners:
         place = (centres - position) @ rotation_z(goal.body.rpy_rad[2])
@@ -111,7 +113,7 @@ def level_stance_at_goal(problem: Problem, robot: Robot) -> Stance | None:
         for index, limb in enumerate(robot.limbs):
             q, reached = inverse(limb, place, turns)
             ok = reached & (limit_margin(limb, q) >= 0.0)
-            ok &= np.isin(np.arange(len(holds)), problem.limb_contacts[index])
+            ok &= np.isin(np.arange(len(holds)), problem.limb_contacts[index]) & turned
             ok &= np.array([problem.may_end(index, c) for c in problem.contacts])
             at = np.flatnonzero(ok)
             ends.append(at[np.unique(holds[at], return_index=True)[1]].tolist())
@@ -135,7 +137,7 @@ def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError
     for limb, ends in enumerate(goal_contacts(problem, reach)):
         if ends:
             continue
-        usable = [c for c in problem.limb_contacts[limb] if problem.may_end(limb, problem.contacts[c])]
+        usable = [c for c in reach.usable[limb] if problem.may_end(limb, problem.contacts[c])]
         if not usable:
             return InfeasibleError("reach", f"no hold can be gripped by {LIMB_NAMES[limb]}")
         near, far = reach.around(goal, slack)
@@ -154,7 +156,7 @@ def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> 
         low, high = reach.low[limb], reach.high[limb]
         line = np.linspace(problem.start.position_m, problem.goal.body.position_m, 200)
         along = line @ reach.shape.directions.T
-        usable = problem.limb_contacts[limb]
+        usable = reach.usable[limb]
         inside = (along[:, None] >= low[usable] - 1e-9) & (along[:, None] <= high[usable] + 1e-9)
         inside = inside.all(axis=2).any(axis=1)
         if not inside.all():
@@ -177,7 +179,7 @@ def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> 
 
 def _connected(problem: Problem, reach: ReachableSet, limb: int) -> bool:
     """Whether a limb's holds would lead from start to goal, hold by hold in reach, if nothing stood in its way."""
-    usable, seen = set(problem.limb_contacts[limb]), set(goal_contacts(problem, reach)[limb])
+    usable, seen = set(reach.usable[limb]), set(goal_contacts(problem, reach)[limb])
     queue = list(seen)
     while queue:
         near = usable.intersection(map(int, reach.neighbours(limb, queue.pop()))) - seen

@@ -191,7 +191,8 @@ class Planner:
         """The problem with another start, in the same frame and with the same contacts, less those on some holds."""
         problem = self.problem
         start = pose_in_heading_frame(scenario.start.body, problem.heading_rad)
-        begin = start_contacts(scenario, self.robot, start, self._as_numbered_in(scenario, problem).contacts, {})
+        contacts = self._as_numbered_in(scenario, problem).contacts
+        begin = start_contacts(scenario, self.robot, start, contacts, {}, (-np.inf, np.inf))
         lost = {self.scenario.hold_index(name) for name in without}
         yaw = abs(float(start.rpy_rad[2]))  # speeds are bounded along axes of the first pose, not of this frame
         speed = problem.body.max_speed_m_s / (math.cos(yaw) + math.sin(yaw))

@@ -217,7 +217,7 @@ class _Improvement:
 
     def _others(self, limb: int, contact: int, last: bool) -> list[int]:
         contacts = self.problem.contacts
-        usable = self.ends[limb] if last else set(self.problem.limb_contacts[limb])
+        usable = self.ends[limb] if last else set(self.reach.usable[limb])
         place = contacts[contact].centre_h_m
         found = [int(c) for c in self.reach.neighbours(limb, contact) if int(c) in usable and c != contact]
         return sorted(found, key=lambda c: float(np.abs(contacts[c].centre_h_m - place).sum()))[:_OTHERS]

@@ -42,7 +42,7 @@ def costs_to_go(problem: Problem, reach: ReachableSet, swings: SwingCache) -> li
     """Per limb and contact, the least knots to the goal were it alone: an exact shortest path, admissible for all."""
     tables = []
     for limb, ends in enumerate(goal_contacts(problem, reach)):
-        usable = set(problem.limb_contacts[limb])
+        usable = set(reach.usable[limb])
         cost: dict[int, float] = {}
         queue = [(0.0, c) for c in ends]
         while queue:

@@ -18,6 +18,7 @@ class StoodOn(ReachableSet):
 
     def __init__(self, problem: Problem, search: MapSearch) -> None:
         super().__init__(problem)
+        self.usable = problem.limb_contacts  # the map knows which headings each of them asks for
         self._search, self._known = search, dict[Stance, tuple[Array, Array] | None]()
         grid = search.masks.grid
         half_m = [float(axis[1] - axis[0]) / 2 if len(axis) > 1 else 0.0 for axis in (grid.x_m, grid.y_m, grid.z_m)]

@@ -8,19 +8,22 @@ import numpy as np
 import pytest
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import parse_scenario
+from crux_planner.certificates.infeasibility import goal_boxes
 from crux_planner.certificates.infeasibility.goal_map import GoalMap
 from crux_planner.certificates.infeasibility.infeasible import Proof
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.reach.arm import reaches_of
 from crux_simulation.benchmarks.random_fields import random_field
 from reach.pinocchio_limb import PinocchioLimb
 from walls import scenario, two_rows
 
 
-def test_a_goal_at_which_a_limb_can_hold_on_nowhere_is_refused(robot: Robot) -> None:
-    field = parse_scenario(random_field(405))
+@pytest.mark.parametrize("seed", [405, 560])  # by coarse boxes of the goal's poses, and by finer ones
+def test_a_goal_at_which_a_limb_can_hold_on_nowhere_is_refused(robot: Robot, seed: int) -> None:
+    field = parse_scenario(random_field(seed))
     problem = build_problem(field, robot)
     reason = Proof(field, robot, problem).quick()
     assert isinstance(reason, InfeasibleError)
@@ -37,7 +40,8 @@ def test_no_grip_is_ruled_out_that_pinocchio_reaches_at_the_goal(robot: Robot, l
     wall["goal"]["body"] = {"position_m": [0.15, 0.02, 0.185], "rpy_deg": [4, -3, 15]}
     read = scenario(wall)
     problem, other = build_problem(read, robot), PinocchioLimb(robot, limb)
-    proof, random, looked = Proof(read, robot, problem), np.random.default_rng(limb), 0
+    proof, exact = Proof(read, robot, problem), reaches_of(robot, 0.0, 0.0)
+    random, looked = np.random.default_rng(limb), 0
     for _ in range(60):
         goal, off, turn = problem.goal, random.normal(size=3), random.normal(size=3)
         place = goal.body.position_m + goal.tolerance_m * random.random() * off / np.linalg.norm(off)
@@ -54,6 +58,7 @@ def test_no_grip_is_ruled_out_that_pinocchio_reaches_at_the_goal(robot: Robot, l
         contact = replace(grip.contact, centre_h_m=at, yaw_rad=yaw)
         under = replace(grip, contact=contact, aside_m=0.0, height_m=(float(at[2]), float(at[2])))
         assert GoalMap(problem, robot, [under])._may(limb, 0).any()
+        assert not goal_boxes.cannot(proof.goal_poses, exact, limb, under)
         looked += 1
     assert looked > 20
 

@@ -17,6 +17,7 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Move, stance_after
+from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.pipeline.by_joints import _along_path, _answered
 from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD, _ByMap, _turned
 from crux_planner.reach.arm import reaches_of
@@ -107,6 +108,21 @@ def test_a_goal_is_aimed_at_within_its_tolerances_where_its_middle_has_no_stance
         assert np.abs(each.goal.body.rpy_rad - goal.body.rpy_rad).max() < goal.tolerance_rad
     assert stances[0] == 0
     assert max(stances) > 0
+
+
+def test_a_grip_that_only_a_turned_body_has_is_looked_at(robot: Robot) -> None:
+    """Field 509: RF ends on a grasp to which its gripper may turn under the heading of the goal, not of the start."""
+    problem = build_problem(parse_scenario(random_field(509)), robot)
+    grid = grid_about(problem, *COARSE)
+    ends = [c for c in problem.limb_contacts[1] if problem.may_end(1, problem.contacts[c])]
+    held = PoseMasks(problem, robot, grid, SEARCH_RAD).held_at_goal(1, ends)
+    assert held
+    assert not set(held) & set(ReachableSet(problem).usable[1])
+    assert set(problem.start_contacts) <= {c for own in ReachableSet(problem).usable for c in own}
+
+
+def test_a_body_whose_way_ends_without_a_move_is_given_more_time(robot: Robot) -> None:
+    assert unproven(parse_scenario(random_field(558)), robot, time_limit_s=60.0).check.ok
 
 
 @pytest.mark.sweep

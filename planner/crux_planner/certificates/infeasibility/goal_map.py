@@ -8,8 +8,9 @@ have its gripper anywhere on the grip.
 import numpy as np
 from crux_contracts.robot import Robot
 
+from crux_planner.certificates.infeasibility import goal_boxes
 from crux_planner.certificates.infeasibility.connection import Grips
-from crux_planner.certificates.infeasibility.poses import TOLERANCE_M, TOLERANCE_RAD
+from crux_planner.certificates.infeasibility.poses import TOLERANCE_M, TOLERANCE_RAD, GoalPoses
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.contacts import Grip
 from crux_planner.model.problem import Problem
@@ -29,7 +30,7 @@ class GoalMap:
         (x, y, z), (roll, pitch, yaw) = goal.body.position_m, goal.body.rpy_rad
         angles = [_middles(at, off_rad, n) for at, n in zip((yaw, roll, pitch), _ANGLES, strict=True)]
         self._grid = BodyGrid(*angles, *(_middles(at, off_m, n) for at, n in zip((z, x, y), _PLACES, strict=True)))
-        self._reaches, self._grips = reaches_of(robot), grips
+        self._reaches, self._exact, self._grips = reaches_of(robot), reaches_of(robot, 0.0, 0.0), grips
         self._masks: dict[tuple[int, int], Flags] = {}
 
     def possible(self, stances: list[Grips]) -> list[Grips]:
@@ -46,6 +47,13 @@ class GoalMap:
             some = boxes.any(axis=1)
             kept, boxes = kept[some], boxes[some]
         return [stances[i] for i in kept]
+
+    def possible_closely(self, stances: list[Grips], poses: GoalPoses) -> list[Grips]:
+        """The same with finer boxes, made of the goal's `poses` for each limb and grip alone."""
+        for limb, number in sorted({pair for stance in stances for pair in enumerate(stance)}):
+            if goal_boxes.cannot(poses, self._exact, limb, self._grips[number]):
+                self._masks[limb, number] = np.zeros(self._grid.shape, dtype=bool)
+        return self.possible(stances)
 
     def stuck(self, stances: list[Grips]) -> list[int]:
         """The limbs that none of the stances' grips is in reach of."""

@@ -85,6 +85,8 @@ class Proof:
                 text += f" at once: short by {1000 * self.goal_poses.shortage(near, self.reach.grips):.1f} mm"
             return InfeasibleError("reach", text, proven=True)
         near, self.goals = self.goals, self.goal_map.possible(self.goals)
+        if self.goals:
+            near, self.goals = self.goals, self.goal_map.possible_closely(self.goals, self.goal_poses)
         return None if self.goals else self._blocked(near)
 
     def _blocked(self, near: list[Grips]) -> InfeasibleError:

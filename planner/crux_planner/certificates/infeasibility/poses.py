@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from crux_contracts import N_LIMBS
 
-from crux_planner.model.arrays import Array
+from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.contacts import Grip
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Problem
@@ -118,6 +118,21 @@ class GoalPoses:
             if not boxes:
                 return least
         return 0.0
+
+    def box(self) -> tuple[Array, Array]:
+        """Bounds (6,) of x, y, z, yaw, roll and pitch."""
+        at, off = self.goal.body.position_m, self._place_m()
+        low, high = self._angles()
+        return np.concatenate([at - off, low[[2, 0, 1]]]), np.concatenate([at + off, high[[2, 0, 1]]])
+
+    def may_be(self, low: Array, high: Array) -> Flags:
+        """(n,) boxes (n, 6) as `box` has them that have a pose of the goal's."""
+        goal = self.goal.body
+        middle = np.concatenate([goal.position_m, goal.rpy_rad[[2, 0, 1]]])
+        off = np.maximum(np.maximum(low - middle, middle - high), 0.0)
+        least = float(np.linalg.svd(self._rates, compute_uv=False)[-1])
+        near = np.linalg.norm(off[:, :3], axis=1) <= self._place_m()
+        return np.asarray(near & (least * np.linalg.norm(off[:, 3:], axis=1) <= self._angle_rad()))
 
     def _angles(self) -> tuple[Array, Array]:
         """Bounds of roll, pitch and yaw at the goal."""
