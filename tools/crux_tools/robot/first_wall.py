@@ -124,4 +124,4 @@ def _standing(wall: FirstWall, model: WholeRobot, up_m: float) -> Stance:
     found = solve(model.limbs, list(places[:, None]), list(turns[:, None]))
     opening = np.array([wall.robot.gripper.open_opening_m])
     states = [limb.forward(each.q_rad, opening) for limb, each in zip(model.limbs, found, strict=True)]
-    return Stance(model, states, places, yaws)
+    return Stance(model, states)

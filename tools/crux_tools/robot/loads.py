@@ -13,68 +13,152 @@ from itertools import product
 import numpy as np
 from crux_contracts.scenario_types import GRAVITY_M_S2
 from numpy.typing import NDArray
-from scipy.optimize import linprog
+from scipy.optimize import OptimizeResult, linprog
 
 from crux_tools.robot.stance import Stance
 
 Array = NDArray[np.float64]
 PATCH_K_M = 2 / 3 * 0.02  # twist of a contact patch of 2 cm, as scenarios have it
+GRIP = 5  # variables of a grip: s1, s2, m, n1, n2
+SPARE = 1e-9  # of the least load, that another way to share it may take besides
 
 
 @dataclass(frozen=True)
 class Load:
-    """Of the busiest joint: torque over its limit, and its name; None: no forces hold the robot."""
+    """Of the busiest joint: torque over its limit, and its name."""
 
     share: float
     joint: str
 
 
+@dataclass(frozen=True)
+class JointLoads:
+    """Torque over its limit of every joint, (J,) a limb; the least load; and what grips do: wrenches (limbs, 6) on the
+    robot at the grippers, force [N] and moment [N m], body frame, and pressures (limbs, 2) [N] of the fingers.
+    """
+
+    load: Load
+    shares: list[Array]
+    wrenches: Array
+    pressures_N: Array
+
+
+def gravity_b_m_s2(slope_rad: float) -> Array:
+    """(3,) of a level robot, whose x goes up a wall of this slope."""
+    return GRAVITY_M_S2 * np.array([-np.sin(slope_rad), 0.0, -np.cos(slope_rad)])
+
+
 def least_load(
     stance: Stance, slope_rad: float, limits_Nm: list[Array], friction: float, most_N: float, lifted: int | None = None
 ) -> Load | None:
-    """On a wall of this slope, limits (J,) a limb; limb number `lifted` is in the air."""
-    gravity = GRAVITY_M_S2 * np.array([[-np.sin(slope_rad), 0.0, -np.cos(slope_rad)]])
-    limbs, grips = stance.model.limbs, [i for i in range(len(stance.model.limbs)) if i != lifted]
-    count = 5 * len(grips) + 1
-    balance, rows, bounds, names = np.zeros((6, count)), [], [], []
-    for i, (limb, state) in enumerate(zip(limbs, stance.states, strict=True)):
-        own = limb.gravity_torque(state, gravity)[0]
-        by = np.zeros((len(own), count))
-        if i in grips:
-            at = 5 * grips.index(i)
-            forces, moments = _grip(stance.yaws_rad[i])
-            balance[:3, at : at + 5] = forces.T
-            balance[3:, at : at + 5] = (np.cross(stance.grippers_m[i], forces) + moments).T
-            by[:, at : at + 5] = np.column_stack(
-                [limb.contact_torque(state, f[None], m[None])[0] for f, m in zip(forces, moments, strict=True)]
-            )
-            for finger, signs in product((3, 4), product((1.0, -1.0), repeat=3)):
-                row = np.zeros(count)
-                row[at : at + 3] = np.array(signs) / [friction, friction, PATCH_K_M * friction]
-                row[at + finger] = -1.0
-                rows.append(row)
-                bounds.append(0.0)
-        for j, sign in product(range(len(own)), (1.0, -1.0)):
-            row = sign * by[j]
-            row[-1] = -limits_Nm[i][j]
-            rows.append(row)
-            bounds.append(-sign * own[j])
-            names.append((len(rows) - 1, limb.joints[j].name))
-    weight = stance.model.mass_kg * gravity[0]
-    rest = -np.concatenate([weight, np.cross(stance.model.centre_of_mass(stance.states)[0], weight)])
-    limits = [(0.0, most_N) if k % 5 in (3, 4) else (None, None) for k in range(count - 1)] + [(0.0, None)]
-    goal = np.eye(count)[-1]
-    found = linprog(goal, np.array(rows), np.array(bounds), balance, rest, limits, method="highs")
-    if found.status != 0:
-        return None
-    busiest = min(names, key=lambda each: float(found.slack[each[0]]))
-    return Load(float(found.x[-1]), busiest[1])
+    """On a wall of this slope, limits (J,) a limb; limb number `lifted` is in the air. None: nothing holds it."""
+    return _Program(stance, gravity_b_m_s2(slope_rad), limits_Nm, friction, most_N, lifted).least()
 
 
-def _grip(yaw_rad: float) -> tuple[Array, Array]:
-    """Forces (5, 3) and moments (5, 3) on the robot of s1, s2, m, n1 and n2 of a grip, body frame."""
-    opening = np.array([np.cos(yaw_rad), np.sin(yaw_rad), 0.0])
-    across, up = np.array([-opening[1], opening[0], 0.0]), np.array([0.0, 0.0, 1.0])
+def joint_loads(
+    stance: Stance, slope_rad: float, limits_Nm: list[Array], friction: float, most_N: float, lifted: int | None = None
+) -> JointLoads | None:
+    """The same for every joint: of all ways to share the weight that load the busiest joint least, the one with the
+    least sum of shares.
+    """
+    program = _Program(stance, gravity_b_m_s2(slope_rad), limits_Nm, friction, most_N, lifted)
+    load = program.least()
+    return None if load is None else program.all_joints(load)
+
+
+class _Program:
+    """Rows over what grips do, (n, GRIP grips): balance, limit surfaces, and torques of all joints."""
+
+    def __init__(
+        self,
+        stance: Stance,
+        gravity_m_s2: Array,
+        limits_Nm: list[Array],
+        friction: float,
+        most_N: float,
+        lifted: int | None,
+    ) -> None:
+        limbs = stance.model.limbs
+        self._limbs, self._most_N = limbs, most_N
+        self._names = [joint.name for limb in limbs for joint in limb.joints]
+        self._limits_Nm = np.concatenate(limits_Nm)
+        self._grips = [i for i in range(len(limbs)) if i != lifted]
+        count = GRIP * len(self._grips)
+        self._wrench = np.zeros((len(limbs), 6, count))
+        self._torque, own, surfaces = np.zeros((len(self._names), count)), [], []
+        begin = 0
+        for i, (limb, state) in enumerate(zip(limbs, stance.states, strict=True)):
+            own.append(limb.gravity_torque(state, gravity_m_s2[None])[0])
+            rows, begin = slice(begin, begin + len(limb.joints)), begin + len(limb.joints)
+            if i not in self._grips:
+                continue
+            at = slice(GRIP * self._grips.index(i), GRIP * self._grips.index(i) + GRIP)
+            forces, moments = _grip(stance.gripper(i)[1])
+            self._wrench[i, :, at] = np.vstack([forces.T, moments.T])
+            for k, (f, m) in enumerate(zip(forces, moments, strict=True)):
+                self._torque[rows, at.start + k] = limb.contact_torque(state, f[None], m[None])[0]
+            surfaces += _limit_surface(friction, at, count)
+        self._own, self._surfaces = np.concatenate(own), np.array(surfaces)
+        arms = np.array([stance.gripper(i)[0] for i in range(len(limbs))])
+        forces, moments = self._wrench[:, :3], self._wrench[:, 3:]
+        about = moments + np.cross(arms[:, None], forces.transpose(0, 2, 1)).transpose(0, 2, 1)
+        self._balance = np.vstack([forces.sum(axis=0), about.sum(axis=0)])
+        weight = stance.model.mass_kg * gravity_m_s2
+        self._rest = -np.concatenate([weight, np.cross(stance.model.centre_of_mass(stance.states)[0], weight)])
+
+    def least(self) -> Load | None:
+        found = self._solved(self._limits_Nm[:, None], np.inf)
+        if found.status != 0:
+            return None
+        busiest = int(found.slack[: 2 * len(self._names)].argmin()) // 2
+        return Load(float(found.x[-1]), self._names[busiest])
+
+    def all_joints(self, load: Load) -> JointLoads | None:
+        found = self._solved(np.diag(self._limits_Nm), load.share * (1 + SPARE) + SPARE)
+        if found.status != 0:
+            return None
+        does = found.x[: self._torque.shape[1]]
+        shares = (self._torque @ does + self._own) / self._limits_Nm
+        ends = np.cumsum([len(limb.joints) for limb in self._limbs])
+        pressures = np.zeros((len(self._limbs), 2))
+        pressures[self._grips] = does.reshape(-1, GRIP)[:, 3:]
+        return JointLoads(load, np.split(shares, ends[:-1]), self._wrench @ does, pressures)
+
+    def _solved(self, limits_Nm: Array, most_share: float) -> OptimizeResult:
+        """The least sum of shares (m,) up to `most_share`; a joint's torque is at most limits (joints, m) of them."""
+        count, shares = self._torque.shape[1], limits_Nm.shape[1]
+        torque = np.repeat(np.hstack([self._torque, np.zeros_like(limits_Nm)]), 2, axis=0)
+        torque[1::2] *= -1.0
+        torque[:, count:] = -np.repeat(limits_Nm, 2, axis=0)
+        bounds = np.repeat(-self._own, 2)
+        bounds[1::2] *= -1.0
+        rows = np.vstack([torque, np.pad(self._surfaces, ((0, 0), (0, shares)))])
+        pressed = [(0.0, self._most_N) if k % GRIP in (3, 4) else (None, None) for k in range(count)]
+        return linprog(
+            np.repeat([0.0, 1.0], [count, shares]),
+            rows,
+            np.concatenate([bounds, np.zeros(len(self._surfaces))]),
+            np.pad(self._balance, ((0, 0), (0, shares))),
+            self._rest,
+            [*pressed, *[(0.0, most_share)] * shares],
+            method="highs",
+        )
+
+
+def _limit_surface(friction: float, at: slice, count: int) -> list[Array]:
+    """Rows of both fingers of the grip with these variables."""
+    rows = []
+    for finger, signs in product((3, 4), product((1.0, -1.0), repeat=3)):
+        row = np.zeros(count)
+        row[at.start : at.start + 3] = np.array(signs) / [friction, friction, PATCH_K_M * friction]
+        row[at.start + finger] = -1.0
+        rows.append(row)
+    return rows
+
+
+def _grip(turn: Array) -> tuple[Array, Array]:
+    """Forces (5, 3) and moments (5, 3) on the robot of s1, s2, m, n1 and n2 of a gripper with a rotation (3, 3)."""
+    opening, across, up = turn.T
     zero = np.zeros(3)
     forces = np.array([2 * across, 2 * up, zero, opening, -opening])
     return forces, np.array([zero, zero, 2 * opening, zero, zero])

@@ -13,7 +13,7 @@ import numpy as np
 from crux_contracts.robot_bounds import JOINTS
 from crux_planner.checker import geometry
 from crux_planner.checker.inverse_kinematics import solve
-from crux_planner.checker.limb_model import ChainState, Limb, WholeRobot
+from crux_planner.checker.limb_model import ChainState, Limb, Link, WholeRobot
 from crux_planner.checker.parts import Part, shapes
 from numpy.typing import NDArray
 
@@ -76,44 +76,72 @@ def limb_reach(limb: Limb, sections: dict[str, Any]) -> LimbReach:
 
 @dataclass(frozen=True)
 class Stance:
-    """A robot on four grips: of every limb its angles (1, J), links, and gripper, in the body frame."""
+    """A robot with its grippers on holds, turned as they are: every limb's links and fingers in the body frame."""
 
     model: WholeRobot
     states: list[ChainState]
-    grippers_m: Array
-    yaws_rad: Array
+
+    def gripper(self, limb: int) -> tuple[Array, Array]:
+        """Place (3,) [m] and rotation (3, 3) of the gripper of limb number `limb`, body frame."""
+        state, link = self.states[limb], self.model.limbs[limb].gripper
+        return state.link_position_m[link][0], state.link_rotation[link][0]
 
 
 def stance(model: WholeRobot, reaches: list[LimbReach], opening_m: float) -> Stance:
     """Every gripper in the middle of what its limb reaches; all limbs must reach something."""
-    states, places = [], []
-    for reach in reaches:
-        at = reach.middle
-        states.append(reach.limb.forward(reach.q_rad[at : at + 1], np.array([opening_m])))
-        places.append([*reach.places_m[at], reach.height_m])
-    return Stance(model, states, np.array(places), np.array([reach.yaw_rad for reach in reaches]))
+    opening = np.array([opening_m])
+    return Stance(model, [each.limb.forward(each.q_rad[each.middle][None], opening) for each in reaches])
 
 
 def closest(stance: Stance) -> tuple[float, str]:
     """The least clearance [m] between limbs, and between limbs and the body, negative where they overlap."""
-    body = _parts([stance.model.body], None)
-    limbs = []
-    for limb, state in zip(stance.model.limbs, stance.states, strict=True):
-        limbs.append(_parts([link for link in limb.links if link.name not in limb.on_body], state))
-    pairs = [(f"{stance.model.limbs[i].name} to {stance.model.limbs[j].name}", limbs[i], limbs[j])
-             for i, j in combinations(range(len(limbs)), 2)]  # fmt: skip
-    pairs += [(f"{limb.name} to the body", parts, body) for limb, parts in zip(stance.model.limbs, limbs, strict=True)]
-    return min(
-        ((_gap(a, b), name) for name, first, second in pairs for a in first for b in second), default=(np.inf, "")
-    )
+    found = ((_gap(a, b), name) for name, one, other in _sides(stance) for _, a in one for _, b in other)
+    return min(found, default=(np.inf, ""))
 
 
-def _parts(links: list[Any], state: ChainState | None) -> list[Part]:
+@dataclass(frozen=True)
+class Meeting:
+    """Two links, and the clearance [m] between them, negative where they overlap."""
+
+    links: tuple[str, str]
+    gap_m: float
+
+
+def meetings(stance: Stance, clear_m: float) -> list[Meeting]:
+    """Links of two limbs, or of a limb and the body, with less than this clearance; the closest ones first."""
+    found: dict[tuple[str, str], float] = {}
+    for _, one, other in _sides(stance):
+        (low, high), (their_low, their_high) = (
+            np.array([part.corners for _, part in side])[..., 0].reshape(-1, 2, 3).swapaxes(0, 1)
+            for side in (one, other)
+        )
+        apart = np.maximum(low[:, None] - their_high, their_low - high[:, None]).max(axis=2)
+        for i, j in zip(*np.nonzero(apart < clear_m), strict=True):
+            links, gap = (one[i][0], other[j][0]), _gap(one[i][1], other[j][1])
+            if gap < min(clear_m, found.get(links, np.inf)):
+                found[links] = gap
+    return [Meeting(links, gap) for links, gap in sorted(found.items(), key=lambda each: each[1])]
+
+
+_Placed = list[tuple[str, Part]]  # shapes, with the names of their links
+
+
+def _sides(stance: Stance) -> list[tuple[str, _Placed, _Placed]]:
+    """All that is to keep off each other: every two limbs, and limbs and the body but for what turns on it."""
+    body, limbs = _parts([stance.model.body], None), stance.model.limbs
+    parts = [_parts(list(limb.links), state) for limb, state in zip(limbs, stance.states, strict=True)]
+    sides = [(f"{limbs[i].name} to {limbs[j].name}", parts[i], parts[j]) for i, j in combinations(range(len(limbs)), 2)]
+    for limb, its in zip(limbs, parts, strict=True):
+        sides.append((f"{limb.name} to the body", [each for each in its if each[0] not in limb.on_body], body))
+    return [side for side in sides if side[1] and side[2]]
+
+
+def _parts(links: list[Link], state: ChainState | None) -> _Placed:
     found = []
     for link in links:
         place = np.zeros((1, 3)) if state is None else state.link_position_m[link.name]
         turn = np.eye(3)[None] if state is None else state.link_rotation[link.name]
-        found += shapes("link", link, place, turn)
+        found += [(link.name, part) for part in shapes("link", link, place, turn)]
     return found
 
 
