@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from crux_planner.checker import CheckReport
     from crux_planner.pipeline.first_wall import FirstWall
     from crux_planner.pipeline.wall_check import WallReport
+    from crux_planner.reach.upright import UprightReach
     from crux_planner.trajectory.knot_qp import KnotSolution
 
 __all__ = [
@@ -29,12 +30,14 @@ __all__ = [
     "POSITION_THRESHOLD_M",
     "FirstWall",
     "MethodReport",
+    "UprightReach",
     "WallReport",
     "climb_report",
     "first_walls",
     "least_normal_N",
     "limits",
     "start_is_well_formed",
+    "upright_reach",
     "walk_residuals",
     "wall_offers",
     "wall_report",
@@ -159,3 +162,10 @@ def first_walls(robot: Robot) -> Iterator[FirstWall]:
     from crux_planner.pipeline import first_wall
 
     return first_wall.first_walls(robot)
+
+
+def upright_reach(robot: Robot, limb: int) -> UprightReach:
+    """Where a limb can have its gripper beside the body: see `crux_planner.reach.upright`."""
+    from crux_planner.reach import upright
+
+    return upright.upright_reach(robot, limb)
