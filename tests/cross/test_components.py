@@ -15,7 +15,10 @@ COMPONENT_OF |= {"crux_tools": "tools", "crux_simulation": "tools", "crux_can_ke
 COMPONENT_OF |= {"crux_nodes": "firmware"}
 MAY_USE = {"msgs": set(), "planner": {"msgs"}, "runtime": {"msgs"}, "firmware": {"msgs"}, "tools": {"msgs", "planner"}}
 DRAWS = ("robot3d", "report", "view")  # by MuJoCo, which crux-sim brings; nothing else of crux_tools needs them
-SHOWS = {"tools/crux_tools/replay/command.py"}  # opens the viewer where it is installed, once all else is done
+SHOWS = {  # open a page where the viewer is installed, once all else is done
+    "tools/crux_tools/replay/command.py",
+    "tools/crux_tools/robot/command.py",
+}
 CAN_TABLE = "tools/crux_tools/can/command.py"  # of what `crux can` does: there alone the kernel builder is named
 COMMAND_LINE = {"crux_tools.arguments", "crux_tools.can", "crux_tools.errors", "crux_tools.output"}
 TABLE = "tools/crux_tools/cli.py"  # of commands: there alone the simulation is named by what an operator installs

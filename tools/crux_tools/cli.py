@@ -69,7 +69,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "log": Command("list, cut, merge, recover, play and convert logs", "crux_tools.log.command", logs=True),
     "can": Command("set up and check CAN interfaces, or run a kernel that has them", "crux_tools.can.command"),
-    "robot": Command("bring a robot in, and check what it can do", "crux_tools.robot.command"),
+    "robot": Command("bring a robot in, check what it can do, and look at it", "crux_tools.robot.command"),
     "wall": Command("draw a wall, make one of a scan, and check what it offers", "crux_simulation.wall.command"),
     "preflight": Command("check whether this machine is fit to run a robot", "crux_tools.preflight.command"),
     "bench": Command("reproduce a figure of merit", "crux_simulation.benchmarks.command"),

@@ -19,12 +19,11 @@ STEP_M, YAW_STEP_DEG = 0.03, 15
 
 @dataclass(frozen=True)
 class UprightReach:
-    """Cells (x, y, z) of edge STEP_M in whose centre the limb can have its gripper; the centre (3,) [m] of the first
-    one, body frame.
-    """
+    """Cells (x, y, z) in whose centre the limb can have its gripper; the centre (3,) of the first one, body frame."""
 
     held: Flags
     first_m: Array
+    step_m: float = STEP_M
 
 
 def upright_reach(robot: Robot, limb: int) -> UprightReach:

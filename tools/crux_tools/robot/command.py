@@ -7,26 +7,29 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
-from crux_tools.arguments import positive, taught
+from crux_tools.arguments import positive, taught, within
 from crux_tools.output import add_json_option
+from crux_tools.page_address import add_address, check_address
 
 
 def add_parser(subparsers: Any) -> None:
     """Adds `crux robot` with its actions."""
     parser = subparsers.add_parser(
         "robot",
-        help="bring a robot in, and check what it can do",
+        help="bring a robot in, check what it can do, and look at it",
         **taught(
             "Robot descriptions: a folder with robot.yaml and a URDF. import makes one of a URDF and a mapping. "
             "check says what is wrong with one, all at once, and what the robot reaches and holds, also where planner "
-            "and runtime do not take it yet.",
+            "and runtime do not take it yet. show has it in the browser.",
             "crux robot import maker.urdf --mapping mapping.yaml -o robots/mine",
             "crux robot check robots/mine",
+            "crux robot show robots/mine",
         ),
     )
     actions = parser.add_subparsers(dest="robot_action", metavar="ACTION", required=True)
     _add_import(actions)
     _add_check(actions)
+    _add_show(actions)
 
 
 def _add_import(actions: Any) -> None:
@@ -88,9 +91,7 @@ def _add_check(actions: Any) -> None:
         ),
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a robot, or a robot folder")
-    parser.add_argument(
-        "--friction", type=positive, default=2.2, metavar="MU", help="of the holds (default: %(default)g, sandpaper)"
-    )
+    _add_friction(parser)
     parser.add_argument(
         "--wall", type=Path, metavar="FILE", help="fit a first wall to the robot, and write its scenario"
     )
@@ -122,6 +123,64 @@ def _check(options: argparse.Namespace) -> int:
         checks = [dataclasses.asdict(finding) for finding in found]
         print_json({"ok": bad == 0, "problems": robot.problems, "checks": checks})
     return 0 if bad == 0 else 1
+
+
+def _add_friction(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--friction", type=positive, default=2.2, metavar="MU", help="of the holds (default: %(default)g, sandpaper)"
+    )
+
+
+def _add_show(actions: Any) -> None:
+    parser = actions.add_parser(
+        "show",
+        help="a robot in 3-D in the browser: joints, frames, reach, loads",
+        **taught(
+            "Serves a page, which needs no network, with a robot that its joints' sliders move: within their limits, "
+            "by the robot's own names. It begins with every gripper in the middle of what its limb reaches. The page "
+            "shows frames, where each gripper can be upright by the planner's map, links that meet (of two limbs, or "
+            "of a limb and the body), and what share of its peak torque each joint bears while the robot hangs still "
+            "on grips where the grippers are, on a wall of any slope. ? in the page lists keys and mouse. With "
+            "-o it writes a picture of the page instead, by Chromium.",
+            "crux robot show scaler",
+            "crux robot show robots/mine --slope 120 --friction 0.8",
+            "crux robot show scaler -o out/robot.png",
+        ),
+    )
+    parser.add_argument("robot", metavar="ROBOT", help="name of a robot, or a robot folder")
+    parser.add_argument(
+        "--slope",
+        type=within(0.0, 180.0, "0 to 180 degrees"),
+        default=45.0,
+        metavar="DEG",
+        help="of the wall, as the page begins: 0 floor, 90 vertical, 180 ceiling (default: %(default)g)",
+    )
+    _add_friction(parser)
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE.png", help="write a picture of the page")
+    add_address(parser)
+    parser.set_defaults(action=_show)
+
+
+def _show(options: argparse.Namespace) -> int:
+    from crux_contracts.output_file import look_at_outputs
+
+    from crux_tools.output import note
+    from crux_tools.robot.described import described
+
+    check_address(options.host, options.port)
+    look_at_outputs({"-o": options.output})
+    robot = described(options.robot)
+    from crux_tools.view.page_server import serve
+    from crux_tools.view.robot.figure import Figure
+    from crux_tools.view.robot.server import RobotPage, write_picture
+
+    figure = Figure(robot, options.friction)
+    if options.output is None:
+        serve(RobotPage(figure, options.slope, options.host, options.port), "robot")
+    else:
+        write_picture(options.output, figure, options.slope)
+        note(f"picture: {options.output}")
+    return 0
 
 
 def run(options: argparse.Namespace) -> int:

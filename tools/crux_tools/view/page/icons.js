@@ -11,6 +11,7 @@ const PATHS = {
   planned: "M12 3a7 7 0 0 0-7 7v11l3-2 2 2 2-2 2 2 2-2 3 2V10a7 7 0 0 0-7-7zM9.5 10v.5M14.5 10v.5",
   forces: "M5 19L19 5M10 5h9v9", moments: "M20 12a8 8 0 1 1-3-6.2M17 2v4h-4",
   names: "M3 12V4h8l10 9-8 8zM7.500 8v.5", trails: "M4 19c5 0 3-7 8-7s3-7 8-7", frames: "M7 17V4M7 17h13M7 17l-4 4M5 6l2-2 2 2M18 15l2 2-2 2",
+  shapes: "M3 11h10v10H3zM16 3l5 9h-10z", wall: "M3 4h18v16H3zM3 9.5h18M3 14.5h18M9 4v5.5M15 9.5v5M9 14.5v5.5",
   reach: "M4 20A16 16 0 0 1 20 4M4 20a9 9 0 0 1 9-9M4 20v.5", measure: "M3 16L16 3l5 5L8 21zM7 12l2 2M10 9l3 3M13 6l2 2",
   follows: "M12 8a4 4 0 1 0 0 8 4 4 0 0 0 0-8zM12 2v4M12 18v4M2 12h4M18 12h4", close: "M6 6l12 12M18 6L6 18", xy: "M5 4v15h15M8 15l4-6 3 3 4-6",
 };

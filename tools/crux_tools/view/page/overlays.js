@@ -1,20 +1,12 @@
 // What a 3-D view shows on demand: names, trails, frames, reach, and distances between points that are clicked on.
 import * as THREE from "three";
-import { CSS2DObject } from "./three/CSS2DRenderer.js";
-import { Arrow } from "./shapes.js";
 import { COLOURS } from "./drawing.js";
+import { axes, label } from "./frames.js";
 import { signal } from "./plots.js";
-import { ask, element, page, rested, view } from "./state.js";
+import { ask, page, rested, view } from "./state.js";
 
 const BODY_COLOUR = "#8a8f98", TRAIL_POINTS = 1500, REACH_M = 0.03, REST_MS = 250, CLICK_PX = 4, MARK_M = 0.006;
-const AXES = [[1, 0, 0, [214, 48, 49]], [0, 1, 0, [39, 160, 80]], [0, 0, 1, [45, 110, 220]]], AXIS_M = 0.005;
 const { hypot } = Math;
-
-function label(words, name) {
-  const made = new CSS2DObject(element("div", name, words));
-  made.center.set(0.5, 1.2);
-  return made;
-}
 
 // Names of holds on their tops, of limbs at their grippers.
 export class Labels {
@@ -43,19 +35,7 @@ export class Frames {
   constructor(space) {
     this.space = space;
     this.axes = [[space.scene, 0.2, "W"], ...Object.entries(space.told.frames).map(([name, n]) => [space.bodies[n], 0.1, name])]
-      .map(([parent, size, name]) => {
-        const made = new THREE.Group();
-        AXES.forEach(([x, y, z, colour]) => {
-          const arrow = new Arrow(colour, AXIS_M);
-          arrow.aim([0, 0, 0], [x * size, y * size, z * size]);
-          made.add(arrow.group);
-        });
-        parent.add(made);
-        if (space.told.grippers.includes(name)) return [made]; // has its name already
-        const words = label(name, "frame");
-        made.add(words);
-        return [made, words];
-      });
+      .map(([parent, length, name]) => axes(parent, length, space.told.grippers.includes(name) ? "" : name)); // grippers have their names
   }
   choose() { for (const made of this.axes.flat()) made.visible = this.space.shows("frames"); }
 }

@@ -1,0 +1,1 @@
+"""A robot description in the browser: `crux robot show`."""
