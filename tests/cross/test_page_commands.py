@@ -81,6 +81,7 @@ ELSEWHERE = {
     r"crux wall edit .*": ("tests/tools/test_wall_edit.py", '"edit"'),
     r"crux wall check .*": ("tests/tools/test_wall_check.py", '"check"'),
     r"crux robot check .*": ("tests/tools/test_robot_check.py", '"check"'),
+    r"crux robot show .*": ("tests/tools/test_robot_show.py", '"show"'),
     r"python examples/\S+ .*": ("tests/examples/test_examples.py", 'example("plan_a_wall")'),
     r"python tests/msgs/msgs_golden.py": ("tests/msgs/test_golden.py", "msgs_golden"),
     r"cmake --install.*": ("tests/packaging/test_install.py", '"--install"'),
