@@ -71,7 +71,7 @@ def standing() -> Stance:
     """How the shipped robot stands on holds in the middle of its limbs' reach; that takes two seconds to find."""
     robot = described(str(ROBOTS / "scaler"))
     assert robot.model is not None
-    return stance(robot.model, [limb_reach(limb, robot.sections) for limb in robot.model.limbs], 0.03)
+    return stance(robot.model, [limb_reach(robot.model.body, limb, robot.sections) for limb in robot.model.limbs], 0.03)
 
 
 def test_loads_grow_with_the_weight_and_with_a_limb_in_the_air(folder: Path) -> None:

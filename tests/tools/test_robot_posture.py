@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 from functools import cache
 from itertools import combinations
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,10 +13,10 @@ import pytest
 from crux_contracts.robot import ROBOTS, load_robot
 from crux_tools.robot.described import Described, described
 from crux_tools.robot.loads import PATCH_K_M, gravity_b_m_s2, joint_loads, least_load
-from crux_tools.robot.stance import Stance, limb_reach, meetings, stance
+from crux_tools.robot.stance import CLEAR_M, LimbReach, Stance, closest, limb_reach, meetings, stance, standing
 from crux_tools.robot3d.robot_model import urdf_spec
 
-OPENING_M, CLEAR_M, FRICTION, MOST_N = 0.03, 0.003, 2.2, 60.0
+OPENING_M, FRICTION, MOST_N = 0.03, 2.2, 60.0
 
 
 @cache
@@ -37,8 +39,6 @@ def at(q_rad: np.ndarray, slope_rad: float = 0.0) -> tuple[Stance, mujoco.MjData
     """Of angles (4, 6), by crux and by MuJoCo."""
     robot = the_robot()
     assert robot.model is not None
-    opening = np.array([OPENING_M])
-    states = [limb.forward(q[None], opening) for limb, q in zip(robot.model.limbs, q_rad, strict=True)]
     model = by_mujoco()
     data = mujoco.MjData(model)
     for limb, q in zip(robot.model.limbs, q_rad, strict=True):
@@ -48,7 +48,7 @@ def at(q_rad: np.ndarray, slope_rad: float = 0.0) -> tuple[Stance, mujoco.MjData
             data.joint(finger.name).qpos = OPENING_M
     model.opt.gravity = gravity_b_m_s2(slope_rad)
     mujoco.mj_forward(model, data)
-    return Stance(robot.model, states), data
+    return standing(robot.model, list(q_rad), OPENING_M), data
 
 
 def limb_of(link: str) -> str:
@@ -88,7 +88,7 @@ def test_grips_carry_the_robot_and_joints_bear_what_mujoco_says(slope_deg: float
     robot, model = the_robot(), by_mujoco()
     assert robot.model is not None
     limbs, slope = robot.model.limbs, np.radians(slope_deg)
-    q = np.array([each.q_rad[each.middle] for each in (limb_reach(limb, robot.sections) for limb in limbs)])
+    q = np.array(stance(robot.model, reaches(robot), OPENING_M).q_rad)
     q[:, 3:] += 0.2
     where, data = at(q, slope)
     peaks = [np.array([joint.effort for joint in limb.joints]) for limb in limbs]
@@ -121,8 +121,63 @@ def test_grips_carry_the_robot_and_joints_bear_what_mujoco_says(slope_deg: float
     assert total == pytest.approx(np.zeros(6), abs=1e-6)
 
 
-def test_a_limb_that_is_far_from_others_meets_none() -> None:
-    robot = the_robot()
+def reaches(robot: Described) -> list[LimbReach]:
     assert robot.model is not None
-    reaches = [limb_reach(limb, robot.sections) for limb in robot.model.limbs]
-    assert meetings(stance(robot.model, reaches, OPENING_M), CLEAR_M) == []
+    return [limb_reach(robot.model.body, limb, robot.sections) for limb in robot.model.limbs]
+
+
+def changed(folder: Path, *changes: tuple[str, str]) -> Described:
+    """The shipped robot with other words in its URDF."""
+    shutil.copytree(ROBOTS / "scaler", folder / "robot")
+    path = folder / "robot" / "scaler.urdf"
+    text = path.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    return described(str(folder / "robot"))
+
+
+def test_a_limb_behind_a_fixed_joint_reaches_what_it_did(tmp_path: Path) -> None:
+    """Also where that joint is on the body's other side."""
+    plate = """<joint name="LF_seam" type="fixed"><parent link="base"/><child link="LF_plate"/>
+        <origin xyz="0.1355 -0.05 0"/></joint><link name="LF_plate"/>"""
+    first = """<joint name="LF_joint1" type="revolute">
+    <parent link="{}"/>
+    <child link="LF_link1"/>
+    <origin xyz="{} 0" """
+    behind = changed(tmp_path, (first.format("base", "0.1355 0.144"), plate + first.format("LF_plate", "0 0.194")))
+    one, other = reaches(behind)[0], reaches(the_robot())[0]
+    assert one.area_m2 == other.area_m2 > 0.1
+    assert one.yaw_rad == other.yaw_rad
+
+
+def test_reach_keeps_links_off_the_body(tmp_path: Path) -> None:
+    """Of a body so high that limbs hit it where they reached the wall beside it."""
+    high = changed(tmp_path, ('<box size="0.30 0.22 0.06"/>', '<box size="0.30 0.24 0.32"/>'))
+    limb = reaches(high)[0]
+    assert 0 < limb.area_m2 < 0.95 * reaches(the_robot())[0].area_m2
+    model = urdf_spec(load_robot(tmp_path / "robot")).compile()
+    data = mujoco.MjData(model)
+    names = [model.body(body).name for body in model.geom_bodyid]
+    mine = [i for i, name in enumerate(names) if name[:2] == "LF" and name not in limb.limb.on_body]
+    body = [i for i, name in enumerate(names) if name == "base"]
+    for q in limb.q_rad[::5]:
+        for joint, angle in zip(limb.limb.joints, q, strict=True):
+            data.joint(joint.name).qpos = angle
+        for finger in limb.limb.fingers:
+            data.joint(finger.name).qpos = high.sections["gripper"].open_opening_m
+        mujoco.mj_kinematics(model, data)
+        assert min(mujoco.mj_geomDistance(model, data, i, j, 1.0, None) for i in mine for j in body) > CLEAR_M - 1e-4
+
+
+def test_a_stance_keeps_limbs_off_each_other(tmp_path: Path) -> None:
+    """Also where the middle of what a front limb reaches is behind that of a rear limb."""
+    mount = 'xyz="{}0.1355 0.144 0" rpy="0 0 {}'
+    turned = [(mount.format(sign, "1.57"), mount.format(sign, yaw)) for sign, yaw in (("", "3.57"), ("-", "-0.43"))]
+    near = changed(tmp_path, *turned)
+    found = reaches(near)
+    assert near.model is not None
+    in_the_middle = standing(near.model, [each.q_rad[each.nearest()] for each in found], OPENING_M)
+    assert closest(in_the_middle)[0] < 0
+    assert closest(stance(near.model, found, OPENING_M))[0] >= CLEAR_M

@@ -51,8 +51,9 @@ def stances(holds: list[Box], robot: Robot) -> list[Stance]:
     wanted = places[None] - bodies[:, None]
     turns = np.broadcast_to(rotation_about_z(yaws), (len(bodies), len(yaws), 3, 3))
     off = np.full((len(model.limbs), len(bodies), len(grips)), np.inf)
+    sections = {"body": robot.body, "grasp": robot.grasp, "gripper": robot.gripper}
     for mine, limb in zip(off, model.limbs, strict=True):
-        middle = limb_reach(limb, {"body": robot.body, "grasp": robot.grasp}).places_m.mean(axis=0)
+        middle = limb_reach(model.body, limb, sections).places_m.mean(axis=0)
         away = np.linalg.norm(wanted[..., :2] - middle, axis=2)
         near = away < sum(float(np.linalg.norm(joint.origin_m)) for joint in limb.chain[1:])
         (found,) = solve([limb], [wanted[near]], [turns[near]])

@@ -14,10 +14,9 @@ from crux_planner.checker.limb_model import Limb, WholeRobot
 from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, Finding
 from crux_tools.robot.described import Described
 from crux_tools.robot.loads import Load, least_load
-from crux_tools.robot.stance import LimbReach, Stance, closest, limb_reach, stance
+from crux_tools.robot.stance import CLEAR_M, LimbReach, Stance, closest, limb_reach, stance
 
 SLOPES_DEG = (0, 45, 90, 135, 180)
-CLEAR_M = 0.003
 MEETING_M = 1e-6  # axes nearer than this meet in a point
 
 
@@ -31,7 +30,7 @@ def findings(robot: Described, friction: float, wall: Path | None = None) -> Ite
     yield _kinematics(robot.model)
     yield _masses(robot)
     yield _limits(robot.model)
-    reaches = [limb_reach(limb, robot.sections) for limb in robot.model.limbs]
+    reaches = [limb_reach(robot.model.body, limb, robot.sections) for limb in robot.model.limbs]
     yield _reach(reaches, robot.sections)
     if all(len(reach.places_m) > 0 for reach in reaches):
         where = stance(robot.model, reaches, robot.sections["gripper"].open_opening_m)
@@ -121,7 +120,7 @@ def _clearance(where: Stance) -> Finding:
     gap_m, pair = closest(where)
     if not np.isfinite(gap_m):
         return Finding("self-collision", DOUBTFUL, "no shapes", "give links boxes, spheres, cylinders or capsules")
-    found = f"with all grippers in the middle of their reach, {pair}: {1000 * gap_m:.0f} mm"
+    found = f"with grippers in the middle of their reach, or near it, {pair}: {1000 * gap_m:.0f} mm"
     return Finding("self-collision", GOOD if gap_m >= CLEAR_M else BAD, found, "the links' shapes overlap, or nearly")
 
 

@@ -18,7 +18,7 @@ from crux_planner.method_report import first_walls
 
 from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, Finding
 from crux_tools.robot.loads import least_load
-from crux_tools.robot.stance import Stance
+from crux_tools.robot.stance import Stance, standing
 
 if TYPE_CHECKING:
     from crux_planner.method_report import FirstWall
@@ -122,6 +122,4 @@ def _standing(wall: FirstWall, model: WholeRobot, up_m: float) -> Stance:
     places, yaws = wall.grippers_b[:, :3] + [up_m, 0.0, 0.0], wall.grippers_b[:, 3]
     turns = geometry.rotation_about_z(yaws)
     found = solve(model.limbs, list(places[:, None]), list(turns[:, None]))
-    opening = np.array([wall.robot.gripper.open_opening_m])
-    states = [limb.forward(each.q_rad, opening) for limb, each in zip(model.limbs, found, strict=True)]
-    return Stance(model, states)
+    return standing(model, [each.q_rad[0] for each in found], wall.robot.gripper.open_opening_m)

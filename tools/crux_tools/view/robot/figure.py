@@ -11,10 +11,9 @@ from crux_planner.method_report import upright_reach
 from scipy.spatial.transform import Rotation
 
 from crux_tools.errors import UsageError
-from crux_tools.robot.check import CLEAR_M
 from crux_tools.robot.described import Described
 from crux_tools.robot.loads import joint_loads
-from crux_tools.robot.stance import Stance, limb_reach, meetings
+from crux_tools.robot.stance import CLEAR_M, Stance, limb_reach, meetings, stance, standing
 from crux_tools.view.bodies import Shape, numbers
 from crux_tools.view.meshes import drawn_mesh, meshes_of
 from crux_tools.view.robot.surface import surface
@@ -34,7 +33,15 @@ class Figure:
         self._number = {link.name: i for i, link in enumerate(self._links)}
         self._peaks = [np.array([joint.effort for joint in limb.joints]) for limb in self.model.limbs]
         sections = robot.sections
-        self._reaches = [limb_reach(limb, sections) for limb in self.model.limbs]
+        reaches = [limb_reach(self.model.body, limb, sections) for limb in self.model.limbs]
+        self._ends = [
+            np.array([np.where(np.isfinite(limb.lower_rad), limb.lower_rad, -math.pi),
+                      np.where(np.isfinite(limb.upper_rad), limb.upper_rad, math.pi)])
+            for limb in self.model.limbs
+        ]  # fmt: skip
+        self._start = [ends.mean(axis=0) for ends in self._ends]
+        if all(len(reach.places_m) for reach in reaches):
+            self._start = stance(self.model, reaches, sections["gripper"].open_opening_m).q_rad
         self._height_m = sum(sections["body"].height_m) / 2
 
     def told(self) -> dict[str, Any]:
@@ -55,13 +62,10 @@ class Figure:
         }
 
     def _limb(self, index: int) -> dict[str, Any]:
-        limb, reach = self.model.limbs[index], self._reaches[index]
-        low, high = (np.where(np.isfinite(end), end, turn) for end, turn in
-                     ((limb.lower_rad, -math.pi), (limb.upper_rad, math.pi)))  # fmt: skip
-        start = reach.q_rad[reach.middle] if len(reach.places_m) else (low + high) / 2
+        limb, (low, high) = self.model.limbs[index], self._ends[index]
         joints = [
-            {"name": joint.name, "low": float(low[i]), "high": float(high[i]), "start": float(start[i]),
-             "body": self._number[joint.child]}
+            {"name": joint.name, "low": float(low[i]), "high": float(high[i]),
+             "start": float(self._start[index][i]), "body": self._number[joint.child]}
             for i, joint in enumerate(limb.joints)
         ]  # fmt: skip
         return {"name": limb.name, "joints": joints, "gripper": self._number[limb.gripper]}
@@ -94,9 +98,7 @@ class Figure:
             raise ValueError("expected numbers")
         if lifted not in (None, *range(len(limbs))):
             raise ValueError(f"lifted: {lifted}; expected null or a limb's number")
-        opening = np.array([opening_m])
-        states = [limb.forward(q[None], opening) for limb, q in zip(limbs, angles, strict=True)]
-        where = Stance(self.model, states)
+        where = standing(self.model, angles, opening_m)
         return {
             "poses": self._poses(where),
             "grippers": [_gripper(*where.gripper(i)) for i in range(len(limbs))],
