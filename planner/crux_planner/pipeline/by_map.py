@@ -60,6 +60,7 @@ class Tried:
     refused: set[Left] = field(default_factory=set)
     searches: dict[bool, tuple[Climb, MapSearch | None]] = field(default_factory=dict)  # by whether off the middle, too
     far: bool = True  # the goal, for a quick search
+    unmoved: int = 0  # ways of stances without a plan
 
     def search(self, climb: Climb, off_centre: bool) -> tuple[Climb, MapSearch | None]:
         """A search to the first pose within the goal's tolerances that has stances on the map, and whose climb it is;
@@ -100,8 +101,10 @@ def plan_by_map(climb: Climb, tried: Tried, quick: bool = False) -> tuple[PlanRe
         if quick and tried.far:
             continue
         without = set[Left]() if off_centre else tried.refused
-        if (found := _planned(of, search, without, quick)) is not None:
-            return found, search.problem
+        for found in _planned(of, search, without, quick):
+            if found is not None:
+                return found, search.problem
+            tried.unmoved += 1
         if climb.session.late:
             return None
     return None
@@ -139,8 +142,10 @@ def _searches(climb: Climb) -> Iterator[MapSearch]:
         yield MapSearch(PoseMasks(each, robot, grid, SEARCH_RAD), Footing(each, grid), climb.oracles.swings)
 
 
-def _planned(climb: Climb, search: MapSearch, without: set[Left], quick: bool) -> PlanResult | None:
-    """By one way of stances after the other; moves that give no plan are added to those it goes `without`."""
+def _planned(climb: Climb, search: MapSearch, without: set[Left], quick: bool) -> Iterator[PlanResult | None]:
+    """By one way of stances after the other, None for each without a plan; its move that is to blame is added to those
+    it goes `without`.
+    """
     problem, session = search.problem, climb.session
     knot_m, (step_m, *others) = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s, FINE
     grid = grid_about(problem, knot_m / np.ceil(knot_m / step_m), *others)  # so that the body may be as fast as it may
@@ -151,19 +156,17 @@ def _planned(climb: Climb, search: MapSearch, without: set[Left], quick: bool) -
         with climb.work.part("map", 0.2):
             way = search.find(without, looks, session.deadline)
         if way is None:
-            return None
+            return
         found = planner.plan(way)
-        if isinstance(found, PlanResult):
-            return found
+        yield found if isinstance(found, PlanResult) else None
         if session.late:
             climb.work.cut_short = True
-        if session.late or not way:
-            return None
+        if isinstance(found, PlanResult) or session.late or not way:
+            return
         without |= _turned(problem, way[found]) if planner.by_places else {way[found]}
         refused[way[found][:2]] += bool(planner.by_places)
         if refused[way[found][:2]] == MOST_LANDINGS:
             without |= {(before, limb, None) for before, limb, _ in _turned(problem, way[found])}
-    return None
 
 
 def _turned(problem: Problem, step: Step) -> set[Step]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.checker import check_plan
-from crux_planner.errors import HorizonError, InfeasibleError, LevelGoalError, wrong
+from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError, LevelGoalError, wrong
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.physics.reachable_set import goal_contacts
@@ -93,7 +93,14 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     assert none_level is not None
     if isinstance(none_level, LevelGoalError) and (missing := missing_at_goal(climb)) is not None:
         none_level = LevelGoalError("reach", missing)
+    if none_level.constraint == TIME_LIMIT and tried.unmoved:
+        none_level = _out_of_motion(tried.unmoved)
     raise at_last(climb, none_level, proof)
+
+
+def _out_of_motion(sequences: int) -> InfeasibleError:
+    text = f"contacts were found, but no motion for them in the time allowed (sequences tried: {sequences})"
+    return InfeasibleError(TIME_LIMIT, f"{text}; allow more with --time-limit")
 
 
 def _level_or_none(climb: Climb, quick: bool) -> PlanResult | InfeasibleError:

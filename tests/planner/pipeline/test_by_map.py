@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from crux_contracts.robot import Robot
 from crux_contracts.robot_bounds import JOINTS
-from crux_contracts.scenario import parse_scenario
+from crux_contracts.scenario import load_scenario, parse_scenario
 from crux_planner.checker import CheckReport, Violation
+from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
@@ -20,14 +21,17 @@ from crux_planner.model.schedule import Move, stance_after
 from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.pipeline.by_joints import _along_path, _answered
 from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD, _ByMap, _turned
+from crux_planner.pipeline.session import Session
 from crux_planner.reach.arm import reaches_of
 from crux_planner.search.ends import level_aims
 from crux_planner.search.map_search import MapSearch
 from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about
+from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.joint_limits import JointLimits, Moment
 from crux_planner.trajectory.link_planes import OFF_M
 from crux_simulation.benchmarks.random_fields import random_field
+from crux_tools.paths import SCENARIOS
 from shared_plans import unproven
 from walls import scattered, scenario, two_rows
 
@@ -182,3 +186,21 @@ def test_a_move_too_heavy_for_the_motors_is_left_out_with_all_that_turns_gripper
     same = [c for c, each in enumerate(contacts) if np.allclose(each.centre_h_m, contacts[end].centre_h_m, atol=1e-4)]
     assert ends == set(same)
     assert len(ends) < sum(each.hold == contacts[end].hold for each in contacts)  # not those off the middle
+
+
+def test_time_that_motions_took_is_not_laid_to_the_search_of_contacts(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The contacts are found at once, and their motion fails when the time is over."""
+
+    def fails(session: Session, *_: object) -> None:
+        while not session.late:
+            clock.now()
+
+    monkeypatch.setattr("crux_planner.pipeline.by_map.solve_by_joints", fails)
+    wall = load_scenario(SCENARIOS / "climb-four-holds.yaml")
+    with pytest.raises(
+        InfeasibleError, match=r"no motion for them in the time allowed \(sequences tried: 1\)"
+    ) as refused:
+        unproven(wall, robot, time_limit_s=3.0)
+    assert refused.value.undecided
