@@ -30,6 +30,11 @@ FIRST: dict[str, Any] = {
 }
 
 
+PLANE = {"name": "wall", "plane": {"point_m": [0, 0, 0], "normal": [0, 0, 1]}, "friction": 0.5}
+RECTANGLE = {"pose": {"position_m": [0.3, 1.0, 0.5], "rpy_deg": [90, 0, 0]}, "size_m": [2.0, 1.0], "depth_m": 0.1}
+SIDE = {"name": "side", "rectangle": RECTANGLE, "friction": 0.8}
+
+
 def body(old: dict[str, Any]) -> dict[str, Any]:
     rest = {key: old[key] for key in ("name", "friction") if key in old}
     pose = {"position_m": [*old["position_m"], 0.0], "rpy_deg": [0, 0, old["yaw_deg"]]}
@@ -39,11 +44,10 @@ def body(old: dict[str, Any]) -> dict[str, Any]:
 def second() -> dict[str, Any]:
     slope = math.radians(FIRST["wall"]["slope_deg"])
     wall = {key: copy.deepcopy(value) for key, value in FIRST.items() if key != "wall"}
-    plane = {"point_m": [0, 0, 0], "normal": [0, 0, 1]}
     return wall | {
         "version": 2,
         "gravity_m_s2": [-9.81 * math.sin(slope), 0.0, -9.81 * math.cos(slope)],
-        "surfaces": [{"name": "wall", "plane": plane, "friction": 0.5}],
+        "surfaces": [copy.deepcopy(PLANE)],
         "holds": [body(each) for each in FIRST["holds"]],
         "obstacles": [body(each) for each in FIRST["obstacles"]],
     }
@@ -84,6 +88,21 @@ def test_bodies_are_turned_out_of_the_walls_plane() -> None:
     assert read.not_upright == "LR is turned out of the wall's plane"
 
 
+def test_surfaces_are_bounded_by_the_solids_behind_them() -> None:
+    """A side wall at y = 1 which looks to the right, and the plane of W or not."""
+    wall = second()
+    wall["surfaces"].append(SIDE)
+    read = parse_scenario(wall).wall
+    (slab,) = read.slabs
+    assert read.endless
+    assert (slab.name, slab.friction, slab.size_m) == ("side", 0.8, (2.0, 1.0, 0.1))
+    assert (*slab.position_m, slab.foot_z_m) == pytest.approx((0.3, 1.1, 0.5))  # its foot is behind it
+    assert slab.tilt_rad == pytest.approx((math.pi / 2, 0.0))
+    assert parse_scenario(wall).not_upright == "the surface side is bounded"
+    wall["surfaces"].pop(0)
+    assert not parse_scenario(wall).wall.endless
+
+
 def test_what_stands_on_a_turned_face_is_not_in_it() -> None:
     """A hold on the face of a volume that is turned by 30 degrees, at places rounded as files have them."""
     wall, turn = second(), math.radians(30)
@@ -111,9 +130,18 @@ def test_what_stands_on_a_turned_face_is_not_in_it() -> None:
             {"position_m": [0.14, 0.36, 0], "rpy_deg": [0, 9, 0]},
             "shape.lean_deg: is not supported",
         ),
-        (("surfaces", 0, "plane", "normal"), [1, 0, 0], "surfaces[0].plane.normal: [1.0, 0.0, 0.0]: is not supported"),
-        (("surfaces", 0, "plane", "point_m"), [0, 0, 1], "surfaces[0].plane.point_m: z 1: is not supported yet"),
-        (("surfaces",), [], "surfaces: a list of 0: expected one plane"),
+        (
+            ("surfaces", 0, "plane", "normal"),
+            [1, 0, 0],
+            "plane.normal: [1.0, 0.0, 0.0]: expected [0, 0, 1]",
+        ),
+        (("surfaces", 0, "plane", "point_m"), [0, 0, 1], "surfaces[0].plane.point_m: z 1: expected z 0, or a rect"),
+        (("surfaces",), [], "surfaces: a list of 0: expected at least one"),
+        (("surfaces", 0), {"name": "wall"}, "surfaces[0]: a mapping: expected either plane or rectangle"),
+        (("surfaces", 0, "rectangle"), RECTANGLE, "surfaces[0]: a mapping: expected either plane or rectangle"),
+        (("surfaces",), [PLANE, PLANE | {"name": "b"}], "surfaces[1].plane: another surface is the plane z = 0 of W"),
+        (("surfaces",), [PLANE, SIDE | {"name": "wall"}], "surfaces[1].name: wall: expected a name of its own"),
+        (("contact",), {"model": "point"}, "surfaces[0].rectangle: does not go with contact.model point"),
         (("holds", 2, "shape", "lean_deg"), {"+y": 45, "-y": 45}, "leaves -40.0 mm along y at the top of LR"),
         (("holds", 2, "shape", "lean_deg"), {"+y": 60}, "expected a number in 0..50 degrees"),
         (("obstacles", 0, "shape", "lean_deg"), {"+y": 10}, "obstacles[0].shape.lean_deg: is for holds"),
@@ -124,6 +152,8 @@ def test_what_stands_on_a_turned_face_is_not_in_it() -> None:
 )
 def test_what_cannot_be_is_named(place: tuple[Any, ...], value: Any, says: str) -> None:
     wall: Any = second()
+    if "point" in says and "contact" in says:
+        wall["surfaces"] = [copy.deepcopy(SIDE)]
     if "shape.lean_deg" in says:
         wall["holds"][0]["shape"]["lean_deg"] = {"+x": 10}
     part = wall

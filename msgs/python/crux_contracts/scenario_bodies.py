@@ -18,14 +18,17 @@ from .scenario_types import (
     MAX_FRICTION,
     MAX_GRAVITY_M_S2,
     MAX_LEAN_DEG,
+    MAX_SURFACES,
     POSITION,
     SIZE_M,
     VERSIONS,
     Hold,
     Obstacle,
     Scenario,
+    Slab,
     Wall,
 )
+from .turned_boxes import axes_of
 from .yaml_document import Node
 
 SIDE_FACES = FACE_NAMES[:4]
@@ -33,6 +36,7 @@ LEAST_TOP_M = 0.005  # edges of a top that leaning faces leave
 UPRIGHT_DEG = 1e-6
 MAX_TURN_DEG = 45.0  # of a hold's top out of the wall's plane
 ON_WALL_M = 1e-9
+MAX_EDGE_M = 100.0
 
 
 @dataclass(frozen=True)
@@ -44,20 +48,30 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Surface:
-    """What feet stand on and everything else keeps clear of."""
-
-    name: str = key(REQUIRED, means="any text")
-    plane: Plane = key(REQUIRED, means="today that of W, z = 0")
-    friction: float = key(0.6, 0.0, MAX_FRICTION, "", "of feet on it")
-
-
-@dataclass(frozen=True)
 class Pose:
-    """Of the middle of a body's foot."""
+    """Of the middle of a body's foot, or of a surface."""
 
     position_m: tuple[float, float, float] = key(REQUIRED, *POSITION, "x, y, z in W")
     rpy_deg: tuple[float, float, float] = key((0.0, 0.0, 0.0), -360.0, 360.0, "degrees", "roll, pitch and yaw")
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A surface with edges, and the solid behind it."""
+
+    pose: Pose = key(REQUIRED, means="of its middle: its own z points off it")
+    size_m: tuple[float, float] = key(REQUIRED, 0.05, MAX_EDGE_M, "m", "along its own x and y")
+    depth_m: float = key(0.05, 0.005, MAX_EDGE_M, "m", "of the solid behind it")
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What all else keeps clear of: an endless plane, or a rectangle. Feet stand on the plane."""
+
+    name: str = key(REQUIRED, means="any text, each name once")
+    plane: Plane | None = key(None, means="that of W, z = 0; of one surface at most")
+    rectangle: Rectangle | None = key(None, means="a surface with edges; of climbs")
+    friction: float = key(0.6, 0.0, MAX_FRICTION, "", "of what touches it")
 
 
 @dataclass(frozen=True)
@@ -92,7 +106,7 @@ class Bodies:
     """What a file of version 2 has in place of version 1's wall, holds and obstacles."""
 
     gravity_m_s2: tuple[float, float, float] = key(REQUIRED, -MAX_GRAVITY_M_S2, MAX_GRAVITY_M_S2, "m/s^2", "in W")
-    surfaces: tuple[Surface, ...] = key(REQUIRED, most=1, means="today one plane")
+    surfaces: tuple[Surface, ...] = key(REQUIRED, most=MAX_SURFACES, means="planes and rectangles")
     holds: tuple[BoxHold, ...] = key((), most=MAX_CUBOIDS, means="bodies over which grippers close")
     obstacles: tuple[Box, ...] = key((), most=MAX_CUBOIDS, means="bodies that nothing may touch; holds are, too")
 
@@ -116,16 +130,19 @@ def as_first(read: dict[str, Any], members: Mapping[str, Node], check: Checker) 
         check.note(members["gravity_m_s2"], "expected a vector that is not 0")
     surfaces = bodies["surfaces"]
     if "surfaces" in members and not surfaces and not check.problems:
-        check.note(members["surfaces"], "expected one plane")
-    for node, surface in zip(_items(members.get("surfaces")), surfaces, strict=False):
-        _is_wall(node, surface, check)
+        check.note(members["surfaces"], "expected at least one")
+    nodes = _items(members.get("surfaces"))
+    for index, (node, surface) in enumerate(zip(nodes, surfaces, strict=False)):
+        _is_surface(node, surface, surfaces[:index], read.get("contact"), check)
+    endless = any(surface.plane is not None for surface in surfaces)
     for name in ("holds", "obstacles"):
         for node, body in zip(_items(members.get(name)), bodies[name], strict=False):
-            _can_be(node, body, check)
+            _can_be(node, body, endless, check)
     slope = math.degrees(math.atan2(math.hypot(*gravity[:2]), -gravity[2]))
-    friction = surfaces[0].friction if surfaces else 0.0
+    friction = next((each.friction for each in surfaces if each.plane is not None), 0.0)
+    slabs = tuple(_slab(each) for each in surfaces if each.rectangle is not None) if not check.problems else ()
     return read | {
-        "wall": Wall(slope, friction, gravity),
+        "wall": Wall(slope, friction, gravity, slabs, endless),
         "holds": tuple(_hold(body) for body in bodies["holds"]) if not check.problems else (),
         "obstacles": tuple(Obstacle(**_cuboid(body)) for body in bodies["obstacles"]) if not check.problems else (),
     }
@@ -135,20 +152,28 @@ def _items(node: Node | None) -> list[Node]:
     return node.content if node is not None and isinstance(node.content, list) else []
 
 
-def _is_wall(node: Node, surface: Surface, check: Checker) -> None:
-    """Grippers are upright on one plane, z = 0 of W."""
-    plane = surface.plane
-    if plane.normal is None or plane.point_m is None:
+def _is_surface(node: Node, surface: Surface, before: tuple[Surface, ...], contact: Any, check: Checker) -> None:
+    """A plane, the z = 0 of W, of one surface at most; or a rectangle, which only climbs may have."""
+    plane, rectangle = surface.plane, surface.rectangle
+    if surface.name in {each.name for each in before}:
+        check.note_at(node, "name", surface.name, "expected a name of its own: another surface has it too")
+    if (plane is None) == (rectangle is None):
+        check.note(node, "expected either plane or rectangle")
+    if rectangle is not None and contact is not None and contact.model == "point":
+        check.note_at(node, "rectangle", "", "does not go with contact.model point: feet stand on the plane z = 0 of W")
+    if plane is None or plane.normal is None or plane.point_m is None:
         return
+    if any(each.plane is not None for each in before):
+        check.note_at(node, "plane", "", "another surface is the plane z = 0 of W: expected a rectangle")
     if math.dist(plane.normal, (0.0, 0.0, 1.0)) > ON_WALL_M:
         shown = [round(each, 4) for each in plane.normal]
-        check.note_at(node, "plane.normal", f"{shown}", "is not supported yet: expected [0, 0, 1], z of W off the wall")
+        check.note_at(node, "plane.normal", f"{shown}", "expected [0, 0, 1], z of W off the wall, or a rectangle")
     if abs(plane.point_m[2]) > ON_WALL_M:
-        check.note_at(node, "plane.point_m", f"z {plane.point_m[2]:g}", "is not supported yet: expected z 0")
+        check.note_at(node, "plane.point_m", f"z {plane.point_m[2]:g}", "expected z 0, or a rectangle")
 
 
-def _can_be(node: Node, body: Box, check: Checker) -> None:
-    """Bodies reach off the wall, holds of them with their tops; turned ones are boxes; leaning sides leave a top."""
+def _can_be(node: Node, body: Box, endless: bool, check: Checker) -> None:
+    """Bodies reach off an endless wall; turned ones are boxes; leaning sides leave a top."""
     if body.pose is None or body.shape is None or body.pose.position_m is None or body.shape.box_m is None:
         return
     x, y, height = body.shape.box_m
@@ -164,7 +189,7 @@ def _can_be(node: Node, body: Box, check: Checker) -> None:
             node, "pose.rpy_deg", f"roll {roll:g}, pitch {pitch:g}", f"{why}, expected at most {MAX_TURN_DEG:g}"
         )
     top = top_m(body.pose.position_m[2], body.shape.box_m, (math.radians(roll), math.radians(pitch)))
-    if top < LEAST_TOP_M:
+    if endless and top < LEAST_TOP_M:
         found = f"z {body.pose.position_m[2]:g}"
         why = f"{body.name} ends {1e3 * top:.1f} mm off the wall, expected at least {1e3 * LEAST_TOP_M:g} mm"
         check.note_at(node, "pose.position_m", found, why)
@@ -197,3 +222,13 @@ def _cuboid(body: Box) -> dict[str, Any]:
 def _hold(body: BoxHold) -> Hold:
     lean_deg = tuple(body.shape.lean_deg.get(face, 0.0) for face in SIDE_FACES)
     return Hold(**_cuboid(body), friction=body.friction, spines=body.spines, lean_deg=lean_deg)
+
+
+def _slab(surface: Surface) -> Slab:
+    rectangle = surface.rectangle
+    assert rectangle is not None
+    pose, depth = rectangle.pose, rectangle.depth_m
+    up = axes_of((math.radians(pose.rpy_deg[0]), math.radians(pose.rpy_deg[1]), math.radians(pose.rpy_deg[2])))[2]
+    foot = tuple(place - depth * each for place, each in zip(pose.position_m, up, strict=True))
+    box = Box(surface.name, Pose((foot[0], foot[1], foot[2]), pose.rpy_deg), Shape((*rectangle.size_m, depth)))
+    return Slab(**_cuboid(box), friction=surface.friction)

@@ -25,6 +25,7 @@ MAX_POSITION_M = 1000.0
 MAX_BODY_HEIGHT_M = 1.0
 MAX_FRICTION = 5.0
 MAX_CUBOIDS = 10_000
+MAX_SURFACES = 50
 MAX_LEAN_DEG = 50.0
 MAX_GRAVITY_M_S2 = 30.0
 MAX_STEPS = 1000
@@ -36,41 +37,6 @@ TWIST_RADIUS_RATIO = 2.0 / 3.0
 
 class ScenarioError(DocumentError):
     """A scenario file that cannot be used; str() names file, line, key, value and what would be right."""
-
-
-@dataclass(frozen=True)
-class Wall:
-    slope_deg: float = key(REQUIRED, 0.0, MAX_SLOPE_DEG, "degrees", "0 floor, 90 vertical, 180 ceiling")
-    friction: float = key(0.6, 0.0, MAX_FRICTION, "", "of the surface itself, for feet")
-    given_w_m_s2: tuple[float, float, float] | None = None  # gravity, where a file of version 2 has it as a vector
-
-    @property
-    def slope_rad(self) -> float:
-        return math.radians(self.slope_deg)
-
-    @property
-    def gravity_w_m_s2(self) -> tuple[float, float, float]:
-        """g in the wall's frame: 0 is the floor, 90 a vertical wall."""
-        if self.given_w_m_s2 is not None:
-            return self.given_w_m_s2
-        return (-GRAVITY_M_S2 * math.sin(self.slope_rad), 0.0, -GRAVITY_M_S2 * math.cos(self.slope_rad))
-
-
-@dataclass(frozen=True)
-class Contact:
-    """Patch: limit surface (2) with spines (3), a finger. Point: Coulomb friction of a foot on the wall."""
-
-    model: str = key(REQUIRED, words=("patch", "point"), means="grippers on holds, or feet on the wall itself")
-    patch_radius_m: float = key(0.02, 0.001, 0.1, "m", "of a finger's contact patch; bounds its twist")
-    max_normal_N: float = key(60.0, 0.0, 1000.0, "N", "greatest normal force of a finger", above=True)
-    spine_shear_N: float = key(0.0, 0.0, 200.0, "N", "what spines carry without any normal force")
-    spine_twist_Nm: float = key(0.0, 0.0, 10.0, "Nm", "the same of a twist")
-    spines_only: dict[str, int] = key(dict, 1, 2, "", "fingers that never press and hang by spines", words=LIMB_NAMES)
-
-    @property
-    def patch_k_m(self) -> float:
-        """k of equation (2)."""
-        return TWIST_RADIUS_RATIO * self.patch_radius_m
 
 
 @dataclass(frozen=True)
@@ -99,6 +65,50 @@ class Cuboid:
     def turned(self) -> bool:
         """Whether it is not upright on the wall."""
         return any(self.tilt_deg) or self.foot_z_m != 0.0
+
+
+@dataclass(frozen=True)
+class Slab(Cuboid):
+    """The solid behind a bounded surface, which is its top."""
+
+    friction: float = 0.6
+
+
+@dataclass(frozen=True)
+class Wall:
+    slope_deg: float = key(REQUIRED, 0.0, MAX_SLOPE_DEG, "degrees", "0 floor, 90 vertical, 180 ceiling")
+    friction: float = key(0.6, 0.0, MAX_FRICTION, "", "of the surface itself, for feet")
+    given_w_m_s2: tuple[float, float, float] | None = None  # gravity, where a file of version 2 has it as a vector
+    slabs: tuple[Slab, ...] = ()  # of surfaces of version 2 that are bounded
+    endless: bool = True  # whether the plane z = 0 of W is a surface, too
+
+    @property
+    def slope_rad(self) -> float:
+        return math.radians(self.slope_deg)
+
+    @property
+    def gravity_w_m_s2(self) -> tuple[float, float, float]:
+        """g in the wall's frame: 0 is the floor, 90 a vertical wall."""
+        if self.given_w_m_s2 is not None:
+            return self.given_w_m_s2
+        return (-GRAVITY_M_S2 * math.sin(self.slope_rad), 0.0, -GRAVITY_M_S2 * math.cos(self.slope_rad))
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Patch: limit surface (2) with spines (3), a finger. Point: Coulomb friction of a foot on the wall."""
+
+    model: str = key(REQUIRED, words=("patch", "point"), means="grippers on holds, or feet on the wall itself")
+    patch_radius_m: float = key(0.02, 0.001, 0.1, "m", "of a finger's contact patch; bounds its twist")
+    max_normal_N: float = key(60.0, 0.0, 1000.0, "N", "greatest normal force of a finger", above=True)
+    spine_shear_N: float = key(0.0, 0.0, 200.0, "N", "what spines carry without any normal force")
+    spine_twist_Nm: float = key(0.0, 0.0, 10.0, "Nm", "the same of a twist")
+    spines_only: dict[str, int] = key(dict, 1, 2, "", "fingers that never press and hang by spines", words=LIMB_NAMES)
+
+    @property
+    def patch_k_m(self) -> float:
+        """k of equation (2)."""
+        return TWIST_RADIUS_RATIO * self.patch_radius_m
 
 
 @dataclass(frozen=True)
@@ -266,10 +276,13 @@ class Scenario:
 
     @property
     def not_upright(self) -> str:
-        """The first hold or obstacle that leans or is turned, in words; empty where all are upright on the wall."""
+        """The first surface that is bounded, or hold or obstacle that leans or is turned, in words; empty where all are
+        upright on one endless wall.
+        """
+        bounded = (f"the surface {slab.name} is bounded" for slab in self.wall.slabs)
         leaning = (f"{hold.name} has faces that lean" for hold in self.holds if hold.leans)
         turned = (f"{each.name} is turned out of the wall's plane" for each in self.cuboids if each.turned)
-        return next(itertools.chain(leaning, turned), "")
+        return next(itertools.chain(leaning, turned, bounded), "")
 
     def hold_index(self, name: str) -> int:
         """Index of a hold by name; KeyError for an unknown one."""

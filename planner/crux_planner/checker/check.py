@@ -95,7 +95,10 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
     limbs = [limb_parts(samples, limb, i, motions[i], pad_radius_m) for i, limb in enumerate(model.limbs)]
     body = shapes("body", model.body, samples.body_position, samples.rotation)
     spare_m = 2**0.5 * scenario.uncertainty.hold_position_m if scenario.uncertainty else 0.0  # along x and y, each
-    check_clearance(samples, plan.cuboids, limbs, body, point_model=point, spare_m=spare_m, findings=findings)
+    solids, wall = plan.cuboids.with_slabs(scenario.wall.slabs), scenario.wall
+    check_clearance(
+        samples, solids, limbs, body, endless=wall.endless, point_model=point, spare_m=spare_m, findings=findings
+    )
     check_limb_clearance(samples, limbs, body, spare_m, findings)
     if scenario.uncertainty is not None and scenario.not_upright:
         detail = f"no check knows what an uncertainty makes of holds and obstacles where {scenario.not_upright}"

@@ -29,12 +29,14 @@ def check_clearance(
     limbs: list[list[Part]],
     body: list[Part],
     *,
+    endless: bool,
     point_model: bool,
     spare_m: float,
     findings: Findings,
 ) -> None:
-    """Clearance of every part of the limbs (in limb order) and of the body to every cuboid and to the wall; `spare_m`
-    more to cuboids but the hold that a limb grips, which takes its hand along where it is elsewhere.
+    """Clearance of every part of the limbs (in limb order) and of the body to every cuboid, and to z = 0 where
+    the wall is `endless`; `spare_m` more to cuboids but the hold that a limb grips, which takes its hand along where
+    it is elsewhere.
     """
     owners = [(index if index < len(limbs) else None, parts) for index, parts in enumerate([*limbs, body])]
     looks = [_look(part, cuboids, samples, limb, spare_m) for limb, parts in owners for part in parts]
@@ -52,6 +54,8 @@ def check_clearance(
             where: dict[str, Any] = {"limb": limb, "finger": part.finger, "detail": f"to {cuboids.names[c]!r}"}
             lacking = np.where(need[c] >= cut, need[c], -np.inf)[look.rests]
             findings.add_series(f"clearance_{part.kind}", lacking, samples.time_s, "m", **where)
+        if not endless:
+            continue
         if point_model and part.kind in ("finger", "palm"):
             continue  # feet stand on the wall
         height = tolerances.MOVING_CLEARANCE_M - _height(part)

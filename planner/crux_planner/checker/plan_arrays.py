@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import N_LIMBS
+from crux_contracts.scenario import Slab
 from crux_msgs import limb_knot_t
 
 from crux_planner.checker.geometry import (
@@ -66,6 +67,24 @@ class Cuboids:
         normals = cosine[:, None] * _OUTWARD[:4] + sine[:, None] * _OUTWARD[4]
         half = 0.5 * self.size_m[index]
         return normals, cosine * half[[0, 0, 1, 1]] - sine * half[2]
+
+    def with_slabs(self, slabs: tuple[Slab, ...]) -> "Cuboids":
+        """These, and after them the solids behind bounded surfaces."""
+        if not slabs:
+            return self
+        more = len(slabs)
+        parts = (
+            (self.graspable, np.zeros(more, dtype=bool)),
+            (self.foot_w_m, [(*slab.position_m, slab.foot_z_m) for slab in slabs]),
+            (self.size_m, [slab.size_m for slab in slabs]),
+            (self.yaw_rad, [slab.yaw_rad for slab in slabs]),
+            (self.friction, np.zeros((more, 5))),
+            (self.spines, np.zeros((more, 5), dtype=bool)),
+            (self.lean_rad, np.zeros((more, 4))),
+            (self.tilt_rad, [slab.tilt_rad for slab in slabs]),
+        )
+        names = (*self.names, *(f"the surface {slab.name}" for slab in slabs))
+        return Cuboids(names, *(np.concatenate(pair) for pair in parts))
 
     @cached_property
     def reach_w_m(self) -> Array:

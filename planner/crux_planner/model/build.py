@@ -6,7 +6,6 @@ not allow, an InfeasibleError.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -25,7 +24,6 @@ from crux_planner.model.contacts import (
     Grip,
     GripperShape,
     SwingLimits,
-    off_wall_m,
     opening_for,
     yaws_in_range,
 )
@@ -37,11 +35,12 @@ from crux_planner.model.mass import body_moment, composite_inertia
 from crux_planner.model.poses import body_and_ends, posture, weights_of, within_limits
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem
 from crux_planner.model.shapes import limb_radii_m
+from crux_planner.model.surfaces import Surfaces
+from crux_planner.model.unusable import WALL_CLEARANCE_M, height_text, narrow_text
 from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leaning_m, limb_reach, tilt_for
 
 MOST_CUBOIDS, MOST_WAY_M = 300, 40.0  # holds, and as many obstacles, and way that are planned at once
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
-WALL_CLEARANCE_M = 0.003  # of pads to the wall, where a hold is turned out of its plane
 TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
 LIFT_RESERVE_M = 0.006  # kept below the highest lift that the highest body allows, for a body that tilts
 FRICTION_MARGIN = 0.1  # share of the limit surface left unused
@@ -70,9 +69,12 @@ def build_problem(
     gripper, reach = robot.gripper, reach or reach_of(robot, tilt_rad)
     fingers = gripper.open_opening_m, gripper.pad_radius_m, gripper.finger_height_m
     shape = GripperShape(*gripper.opening_m, *fingers)
-    limits = _swing_limits(scenario, robot, reach.box, margins.get("clearance_m", robot.grasp.swing_clearance_m))
+    surfaces = Surfaces.of(scenario.wall, heading)
+    clearance_m = margins.get("clearance_m", robot.grasp.swing_clearance_m)
+    limits = _swing_limits(scenario, robot, reach.box, clearance_m, surfaces)
     cuboids = cuboids_of(scenario.cuboids, heading)
-    contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre, float(goal.rpy_rad[2]))
+    turn_rad = float(goal.rpy_rad[2])
+    contacts, unusable = _contacts(scenario, robot, cuboids, surfaces, shape, limits, off_centre, turn_rad)
     contacts += [_in_air(limb, scenario, heading, cuboids, shape) for limb in scenario.start.air]
     begin = start_contacts(scenario, robot, start, contacts, unusable, robot.grasp.gripper_yaw_rad)
     contact, (tolerance_m, tolerance_rad) = scenario.contact, (scenario.goal.tolerance_m, scenario.goal.tolerance_rad)
@@ -84,6 +86,7 @@ def build_problem(
         inertia_b=start_inertia(robot, start, [contacts[i] for i in begin]),
         patch=Patch(contact.patch_k_m, contact.max_normal_N, contact.spine_shear_N, contact.spine_twist_Nm),
         cuboids=cuboids,
+        surfaces=surfaces,
         hold_names=[hold.name for hold in scenario.holds],
         contacts=contacts,
         limb_contacts=_limb_contacts(scenario, contacts, begin),
@@ -138,10 +141,12 @@ def wall_contacts(
     """
     reach = reach_of(robot, tilt_for([np.zeros(3)], robot.body.max_tilt_rad))
     clearance_m = scenario.planner.margins.get("clearance_m", robot.grasp.swing_clearance_m)
-    limits = _swing_limits(scenario, robot, reach.box, clearance_m)
     gripper, heading = robot.gripper, scenario.start.body.rpy_rad[2]
+    surfaces = Surfaces.of(scenario.wall, heading)
+    limits = _swing_limits(scenario, robot, reach.box, clearance_m, surfaces)
     shape = GripperShape(*gripper.opening_m, gripper.open_opening_m, gripper.pad_radius_m, gripper.finger_height_m)
-    return _contacts(scenario, robot, cuboids_of(scenario.cuboids, heading), shape, limits, off_centre, 0.0)
+    cuboids = cuboids_of(scenario.cuboids, heading)
+    return _contacts(scenario, robot, cuboids, surfaces, shape, limits, off_centre, 0.0)
 
 
 _KNOWN: dict[tuple[str, float], LimbReach] = {}
@@ -172,8 +177,12 @@ def _reach_of(robot: Robot, tilt_rad: float) -> LimbReach:
     return limb_reach(robot.limbs, wanted)
 
 
-def _swing_limits(scenario: Scenario, robot: Robot, boxes: Reach, clearance_m: float) -> SwingLimits:
-    """No swing is higher than what every limb reaches under the highest body."""
+def _swing_limits(
+    scenario: Scenario, robot: Robot, boxes: Reach, clearance_m: float, surfaces: Surfaces
+) -> SwingLimits:
+    """No swing is higher than what every limb reaches under the highest body; on bounded surfaces the map of reach says
+    how high that is.
+    """
     lean = max(leaning_m(limb, boxes.max_tilt_rad) for limb in robot.limbs)
     top_m = robot.body.height_m[1] + float((boxes.centre_b_m[:, 2] + boxes.half_m[2]).min()) - lean - LIFT_RESERVE_M
     return SwingLimits(
@@ -182,7 +191,8 @@ def _swing_limits(scenario: Scenario, robot: Robot, boxes: Reach, clearance_m: f
         robot.grasp.yaw_rate_rad_s,
         clearance_m,
         PASSING_CLEARANCE_M,
-        min(robot.grasp.max_swing_height_m, top_m),
+        robot.grasp.max_swing_height_m if surfaces.names else min(robot.grasp.max_swing_height_m, top_m),
+        slabs=surfaces.slabs,
     )
 
 
@@ -199,6 +209,7 @@ def _contacts(
     scenario: Scenario,
     robot: Robot,
     cuboids: Cuboids,
+    surfaces: Surfaces,
     shape: GripperShape,
     limits: SwingLimits,
     off_centre: bool,
@@ -216,7 +227,7 @@ def _contacts(
         for pair in (0, 1):
             faces = Faces.of(hold, pair, robot, contact.patch_radius_m, palm)
             if faces is None:
-                unusable[index, pair] = _height_text(hold.size_m[2], robot, contact.patch_radius_m, palm)
+                unusable[index, pair] = height_text(hold.size_m[2], robot, contact.patch_radius_m, palm)
                 continue
             half, height = faces.half_m, faces.height_m
             if faces.width_m < 2 * contact.patch_radius_m:
@@ -235,7 +246,8 @@ def _contacts(
                 continue
             yaw_rad, tilt_rad = cuboids.yaw_and_tilt(index)
             normal = yaw_rad + pair * np.pi / 2
-            axis, across, up = gripper_rotation(normal, tilt_rad).T
+            turn = gripper_rotation(normal, tilt_rad)
+            axis, across, up = turn.T
             middle = cuboids.foot_m[index] + height * up
             middle = middle + faces.off_m * axis + faces.aside_m * across
             slack = faces.width_m / 2 - contact.patch_radius_m - EDGE_RESERVE_M
@@ -246,8 +258,8 @@ def _contacts(
                 for clearance in (limits.clearance_m, min(limits.clearance_m, TIGHT_CLEARANCE_M)):
                     given = (centre, axis, index, half, cuboids, shape, clearance, faces.lean_rad)
                     opening = opening or opening_for(*given)
-                lowest_m = np.inf if opening is None else off_wall_m(centre, axis, opening, shape)
-                if opening is None or lowest_m < WALL_CLEARANCE_M:
+                nearest = (np.inf, "") if opening is None else surfaces.nearest(centre, turn, opening, shape)
+                if opening is None or nearest[0] < WALL_CLEARANCE_M:
                     continue
                 for yaw, swapped in yaws_in_range(normal, yaw_range):
                     one = _contact(scenario, hold, index, pair, swapped, yaw, centre, opening)
@@ -255,33 +267,10 @@ def _contacts(
                     contacts.append(replace(one, separation_m=2 * half, pad_radius_m=shape.pad_radius, tilt_rad=tilt))
             if not contacts or (contacts[-1].hold, contacts[-1].pair) != (index, pair):
                 opens = partial(opening_for, middle, axis, index, half, cuboids, shape)
-                unusable[index, pair] = _narrow_text(opens, lowest_m, min(limits.clearance_m, TIGHT_CLEARANCE_M))
+                unusable[index, pair] = narrow_text(opens, nearest, min(limits.clearance_m, TIGHT_CLEARANCE_M))
     fingers = sorted(set(contact.spines_only.values()))
     by_spines = (replace(c, spines_only=finger) for finger in fingers for c in contacts if not c.leans)
     return contacts + [c for c in by_spines if not c.slippery], unusable
-
-
-def _height_text(height_m: float, robot: Robot, patch_radius_m: float, palm_above_pad_m: float) -> str:
-    """Why a hold of this height takes no pads."""
-    low, high = robot.grasp.pad_height_m
-    least, most = max(low, patch_radius_m) + patch_radius_m, high + palm_above_pad_m
-    limit = f"lower than the {least:g} m" if height_m < least else f"higher than the {most:g} m"
-    return f"it is {height_m:g} m high, {limit} that the gripper's pads and palm need"
-
-
-def _narrow_text(opens: Callable[[float], float | None], lowest_m: float, needed_m: float) -> str:
-    """Why fingers cannot open: the wall that the lower one would be so far off, or neighbours."""
-    if lowest_m < WALL_CLEARANCE_M:
-        away = f"{1000 * lowest_m:.0f} mm off the wall, they need {1000 * WALL_CLEARANCE_M:.0f} mm"
-        return f"it is turned so that a finger would be {away}"
-    mm = f"{1000 * _left_m(opens, needed_m):.0f} mm beside the fingers, they need {1000 * needed_m:.0f} mm to open"
-    return f"its neighbours leave {mm}"
-
-
-def _left_m(opening: Callable[[float], float | None], needed_m: float) -> float:
-    """The most clearance, 0 at least, with which there still is an opening."""
-    tried = np.linspace(needed_m, 0.0, 19)
-    return float(next((clearance for clearance in tried if opening(clearance) is not None), 0.0))
 
 
 def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:

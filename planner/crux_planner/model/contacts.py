@@ -8,7 +8,7 @@ import numpy as np
 from crux_contracts.gripper_frames import gripper_rotation
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.cuboids import Cuboids
+from crux_planner.model.cuboids import NO_CUBOIDS, Cuboids
 
 PAIR_NAMES = ("x", "y")
 FACE_NAMES = ("+x", "-x", "+y", "-y")  # by number, as limb_knot_t has them
@@ -40,7 +40,9 @@ class SwingLimits:
     yaw_rate_rad_s: float
     clearance_m: float  # of the middle of a finger to cuboids
     body_clearance_m: float  # of palms and fingers among grippers and beside tall cuboids
-    max_height_m: float  # of a pad above the wall
+    max_height_m: float  # of a pad above W's z = 0
+    floor_m: float = 0.0  # of the plane z = 0
+    slabs: Cuboids = NO_CUBOIDS  # behind bounded surfaces: the way is over these, too
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ from crux_contracts.scenario import Cuboid
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 
+_ALONG_WALL = 1e-9
+
 
 @dataclass(frozen=True)
 class Cuboids:
@@ -36,8 +38,12 @@ class Cuboids:
     @cached_property
     def rotation(self) -> Array:
         """(V, 3, 3) H <- their own axes."""
-        tilt = np.zeros((len(self.yaw_rad), 2)) if self.tilt_rad is None else self.tilt_rad
-        return rotation_from_rpy(np.column_stack([tilt, self.yaw_rad]))
+        return rotation_from_rpy(np.column_stack([self._tilts, self.yaw_rad]))
+
+    @property
+    def _tilts(self) -> Array:
+        """(V, 2)"""
+        return np.zeros((len(self.yaw_rad), 2)) if self.tilt_rad is None else self.tilt_rad
 
     @cached_property
     def foot_m(self) -> Array:
@@ -63,6 +69,19 @@ class Cuboids:
             return 2 * self.half_m[:, 2]
         return np.asarray(self._centre_h_m[:, 2] + (np.abs(self.rotation[:, 2]) * self.half_m).sum(axis=1))
 
+    def top_near(self, points_h: Array, reach_m: float) -> float:
+        """Height of the highest point of those within `reach_m` of points (..., 3) in plan view, at least -inf; what is
+        below the plane of a turned one's top counts as high as that.
+        """
+        points = points_h.reshape(-1, points_h.shape[-1])
+        up = self.rotation[:, :, 2]
+        rising = np.maximum(up[:, 2], _ALONG_WALL)
+        off = points[:, None, :2] - (self.foot_m + 2 * up * self.half_m[:, 2:])[:, :2]
+        height = (self.foot_m + 2 * up * self.half_m[:, 2:])[:, 2]
+        plane = height + (reach_m * np.linalg.norm(up[:, :2], axis=1) - (off * up[:, :2]).sum(axis=-1)) / rising
+        tops = np.minimum(np.where(up[:, 2] > _ALONG_WALL, plane, np.inf), self.top_m)
+        return float(np.where(self.plan_distance(points) < reach_m, tops, -np.inf).max(initial=-np.inf))
+
     @cached_property
     def outline(self) -> tuple[Array, Array]:
         """Centres (V, 2) and half edges (V, 2) of rectangles, turned by their yaws, around them in plan view."""
@@ -75,6 +94,15 @@ class Cuboids:
         """Those of the flags (V,)."""
         tilt, z = (None if each is None else each[which] for each in (self.tilt_rad, self.foot_z_m))
         return Cuboids(self.foot_h_m[which], self.half_m[which], self.yaw_rad[which], tilt, z)
+
+    def and_others(self, others: Cuboids) -> Cuboids:
+        """These and others."""
+        if not len(others.yaw_rad):
+            return self
+        tilts, heights = zip(*((each._tilts, each.foot_m[:, 2]) for each in (self, others)), strict=True)
+        parts = ((each.foot_h_m, each.half_m, each.yaw_rad) for each in (self, others))
+        foot, half, yaw = map(np.concatenate, zip(*parts, strict=True))
+        return Cuboids(foot, half, yaw, np.concatenate(tilts), np.concatenate(heights))
 
     def near(self, points_h: Array, reach_m: float) -> Cuboids:
         """Those that stand within `reach_m` of the bounding box of points (..., 3), in plan view (more at times)."""
@@ -109,10 +137,13 @@ class Cuboids:
         return _outside(self._plan_excess(points_h))
 
 
+NO_CUBOIDS = Cuboids(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
+
+
 def cuboids_of(parts: Sequence[Cuboid], heading_rad: float) -> Cuboids:
     """Of a scenario, in axes turned by a heading about W's z."""
     if not parts:
-        return Cuboids(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
+        return NO_CUBOIDS
     foot = np.array([c.position_m for c in parts]) @ rotation_z(-heading_rad)[:2, :2].T
     given = foot, np.array([c.size_m for c in parts]) / 2, np.array([c.yaw_rad - heading_rad for c in parts])
     if not any(each.turned for each in parts):

@@ -17,6 +17,7 @@ from crux_planner.model.hands import TILTED, UPRIGHT
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import LimbMasses
 from crux_planner.model.schedule import Contacts, SpeedLimits, Stance
+from crux_planner.model.surfaces import Surfaces
 from crux_planner.model.workspace import LimbReach, Reach
 
 BODY_STATES = 12  # r, theta, dr/dt, omega (body frame)
@@ -137,6 +138,7 @@ class Problem(CentroidalProblem):
 
     patch: Patch
     cuboids: Cuboids  # holds first, then obstacles
+    surfaces: Surfaces
     hold_names: list[str]
     contacts: list[Contact]
     limb_contacts: list[list[int]]  # per limb, those that it may hold under some heading
@@ -162,8 +164,8 @@ class Problem(CentroidalProblem):
 
     @property
     def upright(self) -> bool:
-        """Whether all faces and cuboids are: proofs and bounds are about these alone."""
-        return self.cuboids.upright and not self.leans
+        """Whether all faces and cuboids are, on one endless wall: proofs and bounds are about these alone."""
+        return self.cuboids.upright and not self.leans and not self.surfaces.names
 
     @property
     def hand_numbers(self) -> int:

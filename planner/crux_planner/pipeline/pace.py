@@ -41,8 +41,8 @@ def paced(result: PlanResult, scenario: Scenario, robot: Robot, work: Work) -> P
     """The plan at the pace that the scenario asks for: as it is for `paper`, and where no pace passes the check."""
     if scenario.planner.objective == "paper":
         return result
-    if scenario.leans or scenario.tilts:
-        why = "not supported yet where faces lean or holds are turned"
+    if scenario.leans or scenario.tilts or scenario.wall.slabs:
+        why = "not supported yet where faces lean, holds are turned or surfaces are bounded"
         work.log(f"no pace for planner.objective {scenario.planner.objective}: {why}")
         return result
     with work.part("pace", 0.95):

@@ -32,8 +32,8 @@ class LinkClearance:
         self.problem, self.swings = problem, swings
         cuboids, shape = problem.cuboids, problem.shape
         tall = cuboids.top_m > shape.finger_height + min((c.centre_h_m[2] for c in problem.contacts), default=0.0)
-        self.anything = bool(tall.any())  # stands that high
-        self.tall = cuboids.some(tall)
+        self.tall = cuboids.some(tall).and_others(problem.surfaces.slabs)
+        self.anything = bool(len(self.tall.yaw_rad))  # stands that high
         self._radii = problem.limb_radii_m
 
     def stance_clear(self, stance: Stance, start: Array, end: Array) -> bool:

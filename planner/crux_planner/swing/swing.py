@@ -5,7 +5,7 @@ lowering run along the gripped faces with the fingers open, and everything in be
 """
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.hands import hands_of, rotations
+from crux_planner.swing.swing_frame import SwingFrame
 
 STEP_SHARE = 0.95  # of the distance a knot's duration allows: space for rounding
 HEIGHT_RESERVE_M = 0.002
@@ -71,10 +72,20 @@ def plan_swing(
     The best way is short and, where there is a choice, on the side of the body, whose path runs along `body_line_h_m`
     (2, 2): there the limb itself keeps off what its gripper goes around. `skip` leaves out the best ones.
     """
-    for corners in _candidate_ways(start, end, cuboids, shape, limits, body_line_h_m):
-        way = _clear_way(start, end, corners, cuboids, shape, limits)
+    frame = SwingFrame.between(start, end) if start.tilted or end.tilted else None
+    given = start, end, cuboids, shape, limits
+    if frame is not None:
+        turned = replace(limits, slabs=frame.cuboids(limits.slabs), floor_m=-np.inf)
+        given = frame.contact(start), frame.contact(end), frame.cuboids(cuboids), shape, turned
+        body_line_h_m = frame.plan_line(body_line_h_m)
+    for corners in _candidate_ways(*given, body_line_h_m):
+        way = _clear_way(corners, *given)
         if way is None:
             continue
+        if frame is not None:
+            way = frame.back(way, start, end)
+            if way[:, 2].max() > limits.max_height_m:
+                continue
         if skip > 0:
             skip -= 1
             continue
@@ -91,7 +102,7 @@ def plan_swing(
 
 
 def _clear_way(
-    start: Contact, end: Contact, corners: list[Array], cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
+    corners: list[Array], start: Contact, end: Contact, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
 ) -> Array | None:
     """Stations at a height from which the polyline passes over all it must pass over; None where there is none. Where
     grippers leave and come aslant, the higher they are, the farther off their holds.
@@ -164,7 +175,7 @@ def _clear_height(
     samples = _dense(way)
     fingers = footprint(samples, samples[:, 4] + shape.pad_radius)[:, [0, -1]]
     length = shape.half_length(samples[:, 4])
-    columns, finger_m, palm_m = footprint(samples, length), 0.0, shape.finger_height
+    columns, finger_m, palm_m, floor_m = footprint(samples, length), 0.0, shape.finger_height, limits.floor_m
     if start.tilted or end.tilted:
         columns = np.concatenate([columns, footprint(palms(samples, shape.finger_height), length)])
         along, across, up = np.moveaxis(rotations(hands_of(samples))[:, 2], -1, 0)
@@ -176,9 +187,13 @@ def _clear_height(
     under = column_gap(fingers, cuboids) < limits.clearance_m
     beside = column_gap(columns, cuboids) < shape.pad_radius + limits.body_clearance_m
     top = cuboids.top_m
-    height = max(float(own_top.max(initial=0.0)), top[under].max(initial=0.0)) + limits.clearance_m + finger_m
+    height = max(float(own_top.max(initial=floor_m)), top[under].max(initial=floor_m)) + limits.clearance_m + finger_m
     # What the palm passes over, or stands beside, must be lower than the palm.
-    height = max(height, (top[beside] + limits.body_clearance_m - palm_m).max(initial=0.0))
+    height = max(height, (top[beside] + limits.body_clearance_m - palm_m).max(initial=floor_m))
+    if len(limits.slabs.yaw_rad):
+        height = max(height, limits.slabs.top_near(fingers, limits.clearance_m) + limits.clearance_m + finger_m)
+        beside_m = shape.pad_radius + limits.body_clearance_m
+        height = max(height, limits.slabs.top_near(columns, beside_m) + limits.body_clearance_m - palm_m)
     return float(height + HEIGHT_RESERVE_M) if height + HEIGHT_RESERVE_M <= limits.max_height_m else None
 
 

@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_msgs import hold_t
 
 from crux_tools.log.ros2 import Rows, encoded, laid_out, vector
 from crux_tools.log.seen import WORLD, Seen
 from crux_tools.telemetry.rotations import hold_middle, hold_quaternion, hold_top_m
+from crux_tools.telemetry.surfaces import box, box_of, wall_of
 
 CUBE, SPHERE, ARROW, TEXT = 1, 2, 0, 9  # of visualization_msgs/Marker
 ADD, DELETE = 0, 2
@@ -34,23 +36,14 @@ def _marker(ns: str, number: int, kind: int, **more: Any) -> dict[str, Any]:
 
 def wall_markers(plan: Any) -> bytes:
     """The MarkerArray of the wall, its holds and obstacles with their names."""
-    markers = []
-    points = [hold.position_w_m[:2] for hold in plan.holds] + [
-        limb.gripper_position_w_m[:2] for knot in plan.knots for limb in knot.limbs
+    markers = [
+        _cube("wall", number, hold_middle(solid), hold_quaternion(solid), solid.size_m, WALL_RGBA)
+        for number, solid in enumerate(_surfaces(plan))
     ]
-    low, high = np.min(points, axis=0) - WALL_BEYOND_M, np.max(points, axis=0) + WALL_BEYOND_M
-    middle, size = (low + high) / 2, high - low
-    pose = {"position": vector((*middle, -WALL_M / 2)), "orientation": vector((0, 0, 0, 1))}
-    markers.append(
-        _marker("wall", 0, CUBE, scale=vector((*size, WALL_M)), color=vector(WALL_RGBA, "rgba")) | {"pose": pose}
-    )
     for number, hold in enumerate(plan.holds):
-        middle, (w, *xyz) = hold_middle(hold), hold_quaternion(hold)
-        turned = vector((*xyz, w))
-        rgba = HOLD_RGBA if hold.graspable else OBSTACLE_RGBA
-        cube = _marker("holds" if hold.graspable else "obstacles", number, CUBE, scale=vector(hold.size_m))
-        cube |= {"pose": {"position": vector(middle), "orientation": turned}}
-        cube |= {"color": vector(rgba, "rgba")}
+        kind, rgba = ("holds", HOLD_RGBA) if hold.graspable else ("obstacles", OBSTACLE_RGBA)
+        middle = hold_middle(hold)
+        cube = _cube(kind, number, middle, hold_quaternion(hold), hold.size_m, rgba)
         name = _marker("names", number, TEXT, scale=vector((0, 0, TEXT_M)), text=hold.name)
         name |= {
             "pose": {"position": vector((*middle[:2], hold_top_m(hold) + TEXT_M)), "orientation": vector((0, 0, 0, 1))}
@@ -58,6 +51,29 @@ def wall_markers(plan: Any) -> bytes:
         name |= {"color": vector(TEXT_RGBA, "rgba")}
         markers += [cube, name]
     return encoded("visualization_msgs/MarkerArray", {"markers": markers})
+
+
+def _surfaces(plan: Any) -> list[hold_t]:
+    """The solids behind the surfaces; of the plane that part which is around holds and grippers."""
+    wall = wall_of(plan)
+    boxes = [box_of(slab) for slab in wall.slabs]
+    if not wall.endless:
+        return boxes
+    points = [hold.position_w_m[:2] for hold in plan.holds] + [
+        limb.gripper_position_w_m[:2] for knot in plan.knots for limb in knot.limbs
+    ]
+    low, high = np.min(points, axis=0) - WALL_BEYOND_M, np.max(points, axis=0) + WALL_BEYOND_M
+    middle, size = (low + high) / 2, high - low
+    return [box((*middle, -WALL_M), (*size, WALL_M)), *boxes]
+
+
+def _cube(
+    kind: str, number: int, middle: np.ndarray, wxyz: np.ndarray, size_m: Any, rgba: tuple[float, ...]
+) -> dict[str, Any]:
+    """A box in W."""
+    w, *xyz = wxyz
+    pose = {"position": vector(middle), "orientation": vector((*xyz, w))}
+    return _marker(kind, number, CUBE, scale=vector(size_m), color=vector(rgba, "rgba")) | {"pose": pose}
 
 
 def used_colours(used: np.ndarray) -> np.ndarray:

@@ -9,10 +9,11 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import SUPERVISOR_STATES
 
-from crux_tools.log.markers import FORCE_SCALE_M_PER_N, FORCES, HOLD_RGBA, OBSTACLE_RGBA, used_colours
+from crux_tools.log.markers import FORCE_SCALE_M_PER_N, FORCES, HOLD_RGBA, OBSTACLE_RGBA, WALL_RGBA, used_colours
 from crux_tools.log.seen import ERROR, INFO, NS, WARN, WORLD, Seen
 from crux_tools.telemetry.rotations import hold_middle, hold_quaternion
 from crux_tools.telemetry.summary import name_of
+from crux_tools.telemetry.surfaces import box_of, wall_of
 
 if TYPE_CHECKING:  # rerun-sdk is imported where it is asked for: nobody else needs it
     import rerun as rr
@@ -88,8 +89,10 @@ def _wall(recording: rr.RecordingStream, seen: Seen) -> None:
     for place in ("/wall", "/arrows", "/margins_3d"):
         recording.log(place, rr.CoordinateFrame(WORLD), static=True)
     holds = [] if seen.log.plan is None else seen.log.plan.holds
-    for kind, rgba in (("holds", HOLD_RGBA), ("obstacles", OBSTACLE_RGBA)):
+    surfaces = [] if seen.log.plan is None else [box_of(slab) for slab in wall_of(seen.log.plan).slabs]
+    for kind, rgba in (("holds", HOLD_RGBA), ("obstacles", OBSTACLE_RGBA), ("surfaces", WALL_RGBA)):
         chosen = [hold for hold in holds if bool(hold.graspable) == (kind == "holds")]
+        chosen = surfaces if kind == "surfaces" else chosen
         if not chosen:
             continue
         sizes = np.array([hold.size_m for hold in chosen])

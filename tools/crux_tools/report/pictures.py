@@ -15,6 +15,7 @@ from PIL import Image
 from crux_tools.report.renderer import Renderer
 from crux_tools.robot3d.robot_model import RobotModel, build_model
 from crux_tools.robot3d.start_pose import RobotPose, take_pose
+from crux_tools.robot3d.wall import WALL
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import robot_of
 
@@ -51,8 +52,8 @@ def add_scenery(spec: mujoco.MjSpec) -> None:
     )  # fmt: skip
     material = spec.add_material(name="chequers", texrepeat=[0.5 / WALL_SQUARE_M] * 2, texuniform=True)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "chequers"
-    wall = spec.geom("wall")
-    wall.material, wall.rgba = "chequers", [1, 1, 1, 1]
+    for surface in (geom for geom in spec.worldbody.geoms if geom.name.startswith(WALL)):
+        surface.material, surface.rgba = "chequers", [1, 1, 1, 1]
     spec.worldbody.add_light(
         name=SUN, type=mujoco.mjtLightType.mjLIGHT_SPOT, dir=(-SUN_ABOVE_BODY_M).tolist(), diffuse=[0.5] * 3,
         specular=[0.1] * 3, cutoff=60, exponent=1, attenuation=[1, 0, 0],

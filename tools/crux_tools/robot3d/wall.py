@@ -11,10 +11,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from crux_contracts.scenario import FACE_NAMES, parse_scenario
+from crux_contracts.scenario import FACE_NAMES
 from numpy.typing import NDArray
 
-from crux_tools.telemetry.rotations import hold_quaternion
+from crux_tools.telemetry.rotations import hold_middle, hold_quaternion
+from crux_tools.telemetry.surfaces import box_of, wall_of
 
 SIDE_SLAB_M = 0.010
 TOP_SLAB_M = 0.005
@@ -22,6 +23,7 @@ HOLD_RGBA = (0.55, 0.50, 0.45, 1.0)
 SLIPPERY_RGBA = (0.45, 0.60, 0.70, 1.0)
 OBSTACLE_RGBA = (0.45, 0.45, 0.48, 1.0)
 WALL_RGBA = (0.76, 0.76, 0.72, 1.0)
+WALL = "wall"  # name of the plane; those of slabs add their index
 WALL_MARGIN_M = 1.0  # of wall shown around the holds
 
 
@@ -34,11 +36,6 @@ class Face:
     geom: str
     friction: float
     spines: bool
-
-
-def wall_friction(plan: Any) -> float:
-    """Friction coefficient of the wall's own surface, from the scenario the plan carries."""
-    return parse_scenario(plan.scenario_yaml, any_robot=True).wall.friction
 
 
 def _slabs(size_m: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64], NDArray[np.float64]]]:
@@ -101,19 +98,30 @@ def _add_leaning(spec: mujoco.MjSpec, body: Any, hold: Any, index: int) -> list[
     return faces
 
 
+def _add_surfaces(world: Any, plan: Any) -> list[Face]:
+    """The plane z = 0 around holds and body, and the solids behind bounded surfaces."""
+    wall = wall_of(plan)
+    geoms = []
+    if wall.endless:
+        ends = [knot.body_position_w_m[:2] for knot in (plan.knots[0], plan.knots[-1])]
+        centres = np.array([hold.position_w_m[:2] for hold in plan.holds] or ends)
+        middle = (centres.max(axis=0) + centres.min(axis=0)) / 2
+        extent = (centres.max(axis=0) - centres.min(axis=0)) / 2 + WALL_MARGIN_M
+        plane = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "pos": [*middle, 0], "size": [*extent, 0.1]}
+        geoms.append((WALL, wall.friction, plane))
+    for index, slab in enumerate(wall.slabs):
+        box = box_of(slab)
+        place = {"pos": hold_middle(box), "quat": hold_quaternion(box), "size": np.array(box.size_m) / 2}
+        geoms.append((f"{WALL}{index}", slab.friction, {"type": mujoco.mjtGeom.mjGEOM_BOX, **place}))
+    for name, friction, geom in geoms:
+        world.add_geom(name=name, rgba=WALL_RGBA, contype=0, conaffinity=1, friction=[friction, 0.005, 0.0001], **geom)
+    return [Face(-1, name, friction, False) for name, friction, _ in geoms]
+
+
 def add_wall(spec: mujoco.MjSpec, plan: Any) -> list[Face]:
-    """Adds the wall plane, the holds and the obstacles to `spec`; returns every touchable face."""
+    """Adds the surfaces, the holds and the obstacles to `spec`; returns every touchable face."""
     world = spec.worldbody
-    friction = wall_friction(plan)
-    ends = [knot.body_position_w_m[:2] for knot in (plan.knots[0], plan.knots[-1])]
-    centres = np.array([hold.position_w_m[:2] for hold in plan.holds] or ends)
-    middle = (centres.max(axis=0) + centres.min(axis=0)) / 2
-    extent = (centres.max(axis=0) - centres.min(axis=0)) / 2 + WALL_MARGIN_M
-    world.add_geom(
-        name="wall", type=mujoco.mjtGeom.mjGEOM_PLANE, pos=[*middle, 0], size=[*extent, 0.1], rgba=WALL_RGBA,
-        contype=0, conaffinity=1, friction=[friction, 0.005, 0.0001],
-    )  # fmt: skip
-    faces = [Face(-1, "wall", friction, False)]
+    faces = _add_surfaces(world, plan)
     for index, hold in enumerate(plan.holds):
         size_m = np.array(hold.size_m)
         body = world.add_body(name=f"hold{index}", pos=hold.position_w_m, quat=hold_quaternion(hold))

@@ -1,0 +1,50 @@
+"""The surfaces of a wall: the endless plane z = 0 of W, and rectangles with the solids behind them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from crux_contracts.scenario import Wall
+
+from crux_planner.model.arrays import Array
+from crux_planner.model.contacts import GripperShape, off_wall_m
+from crux_planner.model.cuboids import Cuboids, cuboids_of
+
+_ALONG = np.linspace(0.0, 1.0, 5)
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """In H. Slabs are the solids behind bounded surfaces, which are their tops."""
+
+    endless: bool  # whether z = 0 is one
+    slabs: Cuboids
+    names: tuple[str, ...]  # of the slabs
+
+    @classmethod
+    def of(cls, wall: Wall, heading_rad: float) -> Surfaces:
+        """Those of a scenario's wall, in axes turned by a heading about W's z."""
+        return cls(wall.endless, cuboids_of(wall.slabs, heading_rad), tuple(slab.name for slab in wall.slabs))
+
+    def nearest(self, centre: Array, turn: Array, opening_m: float, shape: GripperShape) -> tuple[float, str]:
+        """How far [m] fingers and palm of a gripper are off these surfaces, and off which: its centre (3,) between the
+        pads, its rotation (3, 3) with the opening axis first, the pads' faces so far from the centre.
+
+        The palm counts beside slabs alone: it is above the pads, and so off the plane where they are.
+        """
+        found = [(np.inf, "the wall")]
+        if self.endless:
+            found.append((off_wall_m(centre, turn[:, 0], opening_m, shape), "the wall"))
+        if self.names:
+            points = centre + _outline(opening_m, shape) @ turn.T
+            gaps = self.slabs.distance(points).min(axis=0) - shape.pad_radius
+            found += zip(gaps.tolist(), self.names, strict=True)
+        return min(found)
+
+
+def _outline(opening_m: float, shape: GripperShape) -> Array:
+    """Points (n, 3) along the middles of fingers and palm, in the gripper's axes; they are as thick as a pad."""
+    finger, palm = opening_m + shape.pad_radius, float(shape.half_length(opening_m)) - shape.pad_radius
+    fingers = [[side * finger, 0.0, share * shape.finger_height] for side in (-1, 1) for share in _ALONG]
+    return np.array([*fingers, *([(2 * share - 1) * palm, 0.0, shape.finger_height] for share in _ALONG)])

@@ -1,0 +1,32 @@
+"""Why a hold and a pair of its faces offer no grasp, in words."""
+
+from collections.abc import Callable
+
+import numpy as np
+from crux_contracts.robot import Robot
+
+WALL_CLEARANCE_M = 0.003  # of pads to the wall where a hold is turned out of its plane, and to bounded surfaces
+
+
+def height_text(height_m: float, robot: Robot, patch_radius_m: float, palm_above_pad_m: float) -> str:
+    """Why a hold of this height takes no pads."""
+    low, high = robot.grasp.pad_height_m
+    least, most = max(low, patch_radius_m) + patch_radius_m, high + palm_above_pad_m
+    limit = f"lower than the {least:g} m" if height_m < least else f"higher than the {most:g} m"
+    return f"it is {height_m:g} m high, {limit} that the gripper's pads and palm need"
+
+
+def narrow_text(opens: Callable[[float], float | None], nearest: tuple[float, str], needed_m: float) -> str:
+    """Why fingers cannot open: the surface that is nearest to them or to the palm, or neighbours."""
+    off_m, surface = nearest
+    if off_m < WALL_CLEARANCE_M:
+        away = f"{1000 * off_m:.0f} mm off {surface}, they need {1000 * WALL_CLEARANCE_M:.0f} mm"
+        return f"it is turned or stands so that a finger or the palm would be {away}"
+    mm = f"{1000 * _left_m(opens, needed_m):.0f} mm beside the fingers, they need {1000 * needed_m:.0f} mm to open"
+    return f"its neighbours leave {mm}"
+
+
+def _left_m(opening: Callable[[float], float | None], needed_m: float) -> float:
+    """The most clearance, 0 at least, with which there still is an opening."""
+    tried = np.linspace(needed_m, 0.0, 19)
+    return float(next((clearance for clearance in tried if opening(clearance) is not None), 0.0))

@@ -1,0 +1,91 @@
+"""Climbs over the edge of two bounded planes: planned, checked, and refused where a plane is elsewhere."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+
+import crux_planner
+import numpy as np
+import pytest
+import yaml
+from crux_contracts.plan_file import plan_id
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import ScenarioError
+from crux_msgs import plan_t
+from crux_planner.checker import check_plan
+from crux_planner.pipeline.message import PlanResult
+from edges import CONCAVE, CONVEX, edge
+
+ROBOT = load_robot("scaler")
+LF = 0
+
+
+@cache
+def planned(*given: float) -> PlanResult:
+    return crux_planner.plan(edge(*given), ROBOT)
+
+
+def violations(plan: plan_t, surface: int, shift_m: list[float], moved: list[str] | None = None) -> set[str]:
+    """Of a plan whose scenario has a surface elsewhere; `moved` receives what is said."""
+    plan = plan_t.decode(plan.encode())
+    scene = yaml.safe_load(plan.scenario_yaml)
+    pose = scene["surfaces"][surface]["rectangle"]["pose"]
+    pose["position_m"] = [float(a + b) for a, b in zip(pose["position_m"], shift_m, strict=True)]
+    plan.scenario_yaml = yaml.safe_dump(scene)
+    plan.scenario_sha256 = hashlib.sha256(plan.scenario_yaml.encode()).hexdigest()
+    plan.plan_id = plan_id(plan)
+    found = check_plan(plan, ROBOT).violations
+    if moved is not None:
+        moved += [each.detail for each in found]
+    return {violation.constraint for violation in found}
+
+
+@pytest.mark.parametrize("given", [CONVEX, CONCAVE], ids=["convex", "concave"])
+def test_the_front_limbs_go_over_the_edge(given: tuple[float, float, float]) -> None:
+    result = planned(*given)
+    assert result.check.ok
+    assert result.gap is None  # bounds are about one endless wall
+    first, last = (result.plan.knots[k].limbs[LF] for k in (0, -1))
+    tilts = [np.degrees(limb.gripper_tilt_w_rad[1]) for limb in (first, last)]
+    assert tilts == pytest.approx([-given[0], -given[1]], abs=1e-6)
+    assert violations(result.plan, 1, [0.0, 0.0, 0.0]) == set()
+
+
+@pytest.mark.parametrize("given", [CONVEX, CONCAVE], ids=["convex", "concave"])
+def test_a_surface_is_in_the_way_where_it_is(given: tuple[float, float, float]) -> None:
+    said: list[str] = []
+    off = 0.03 * np.array([-np.sin(np.radians(given[1])), 0.0, np.cos(np.radians(given[1]))])
+    found = violations(planned(*given).plan, 1, off.tolist(), said)
+    assert {"clearance_finger"} <= found
+    assert any("the surface upper" in each for each in said)
+
+
+def test_below_the_edge_nothing_is_in_the_way_but_what_there_is() -> None:
+    """Fingers on the falling plane are under z = 0 of W, which is no surface of this wall."""
+    plan = planned(*CONVEX).plan
+    assert plan.knots[-1].limbs[LF].gripper_position_w_m[2] < -0.004
+    assert not any(name.startswith("clearance") for name in violations(plan, 0, [0.0, 0.0, -0.05]))
+
+
+@pytest.mark.parametrize(
+    ("more", "method", "says"),
+    [
+        ({"uncertainty": {"friction": 0.1}}, "auto", "uncertainty: is not supported yet where left-"),
+        ({}, "two_block", "planner.method: two_block: expected auto: left-"),
+    ],
+)
+def test_what_is_not_there_yet_is_refused(more: dict[str, object], method: str, says: str) -> None:
+    with pytest.raises(ScenarioError) as error:
+        crux_planner.plan(edge(*CONVEX) | more, ROBOT, method=method)
+    assert says in str(error.value)
+
+
+def test_a_palm_that_would_be_in_a_surface_is_named() -> None:
+    wall = edge(*CONVEX)
+    post = {"pose": {"position_m": [0.0, 0.42, 0.3], "rpy_deg": [90, 0, 0]}, "size_m": [1.0, 1.0], "depth_m": 0.1}
+    wall["surfaces"].append({"name": "side", "rectangle": post})
+    for limb, hold in (("LF", "left-2"), ("LR", "left-0")):
+        wall["start"]["grasps"][limb] = {"hold": hold, "faces": "y"}
+    with pytest.raises(ScenarioError, match=r"a finger or the palm would be -?\d+ mm off side, they need 3 mm"):
+        crux_planner.plan(wall, ROBOT)

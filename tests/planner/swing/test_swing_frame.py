@@ -1,0 +1,78 @@
+"""Swings between holds of different planes: the same way whichever axes the whole is in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from crux_contracts.gripper_frames import gripper_rotation, yaw_and_tilt
+from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
+from crux_planner.model.cuboids import NO_CUBOIDS, Cuboids
+from crux_planner.model.hands import hands_of, rotations
+from crux_planner.swing.swing import Swing, plan_swing
+from scipy.spatial.transform import Rotation
+
+SHAPE = GripperShape(0.008, 0.066, 0.048, 0.012, 0.05)
+SIZE_M = np.array([0.06, 0.06, 0.06])
+LIMITS = SwingLimits(2.0, 0.05, 0.25, 0.024, 0.01, 0.6)
+
+
+def way(turns: list[Rotation], feet_m: list[np.ndarray], slabs: Cuboids = NO_CUBOIDS) -> Swing | None:
+    """From one hold to another, turned so and there."""
+    contacts = []
+    for hold, (turn, foot) in enumerate(zip(turns, feet_m, strict=True)):
+        yaw, tilt = yaw_and_tilt(turn.as_matrix())
+        place, grips = foot + turn.apply([0.0, 0.0, 0.03]), (np.full(2, 2.2), np.zeros((2, 3)))
+        contacts.append(Contact(hold, 0, 0, yaw, place, 0.06, *grips, 0.048, tilt_rad=tilt))
+    yaw, pitch, roll = np.array([turn.as_euler("ZYX") for turn in turns]).T
+    foot = np.array(feet_m)
+    holds = Cuboids(foot[:, :2], np.tile(SIZE_M / 2, (2, 1)), yaw, np.column_stack([roll, pitch]), foot[:, 2])
+    return plan_swing(contacts[0], contacts[1], holds, SHAPE, replace(LIMITS, slabs=slabs))
+
+
+def about_y(*angles_deg: float) -> list[Rotation]:
+    return [Rotation.from_euler("y", angle, degrees=True) for angle in angles_deg]
+
+
+@pytest.mark.parametrize("angles_deg", [(0.0, -30.0), (20.0, 20.0), (45.0, -45.0), (0.0, 40.0)])
+def test_it_leaves_and_comes_straight_off_the_holds(angles_deg: tuple[float, float]) -> None:
+    turns = about_y(*angles_deg)
+    found = way(turns, [np.zeros(3), np.array([0.2, 0.0, 0.0])])
+    assert found is not None
+    for contact, station, turn in zip((found.start, found.end), found.stations[[0, -1]], turns, strict=True):
+        off = turn.inv().apply(station[:3] - contact.centre_h_m)
+        assert off[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
+        assert off[2] > 0.03
+        assert rotations(hands_of(station)) == pytest.approx(turn.as_matrix())
+
+
+@pytest.mark.parametrize("whole_deg", [-25.0, 15.0, 40.0])
+def test_the_way_is_the_same_when_all_is_turned(whole_deg: float) -> None:
+    feet, turns = [np.zeros(3), np.array([0.2, 0.02, 0.01])], about_y(5.0, -10.0)
+    whole = about_y(whole_deg)[0]
+    plain, turned = way(turns, feet), way([whole * turn for turn in turns], [whole.apply(foot) for foot in feet])
+    assert plain is not None
+    assert turned is not None
+    assert whole.apply(plain.stations[:, :3]) == pytest.approx(turned.stations[:, :3], abs=1e-9)
+
+
+def test_it_passes_over_an_edge_between_the_holds() -> None:
+    """A convex edge, both planes falling away by 30 degrees from x = 0.1, 0.02 m higher than the holds' tops."""
+    turns = about_y(-30.0, 30.0)
+    feet = [np.array([0.0, 0.0, 0.0]), np.array([0.2, 0.0, 0.0])]
+    height = 0.1 * np.tan(np.radians(30)) + 0.04
+    roof = Cuboids(
+        np.array([[0.1, 0.0]]), np.array([[0.02, 0.5, height / 2]]), np.zeros(1), np.zeros((1, 2)), np.zeros(1)
+    )
+    low, high = way(turns, feet), way(turns, feet, roof)
+    assert low is not None
+    assert high is not None
+    assert high.stations[:, 2].min() >= height + LIMITS.clearance_m
+    assert high.stations[:, 2].min() > low.stations[:, 2].min() + 0.01
+
+
+def test_rotations_are_those_of_gripper_frames() -> None:
+    """`rotations` above is the planner's own: the frame of a gripper by its definition."""
+    hand = np.array([0.0, 0.0, 0.0, 0.4, 0.2, -0.3])
+    assert rotations(hand) == pytest.approx(gripper_rotation(0.4, hand[4:]))
