@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 from crux_tools.paths import SCENARIOS
 
-CONVEX, CONCAVE = (0.0, -30.0, 0.0), (0.0, 25.0, -0.02)  # arguments of edge()
+CONVEX, CONCAVE = (0.0, -30.0, 0.0), (0.0, 30.0, -0.02)  # arguments of edge()
 SIZE_M = [1.0, 1.6]  # of each plane
 COLUMNS = {"left": 0.36, "right": -0.36}
 ROWS_M = (-0.14, 0.0, 0.14, 0.28)  # of holds along x

@@ -256,7 +256,7 @@ def _contacts(
                 centre = middle + side * across
                 opening = None
                 for clearance in (limits.clearance_m, min(limits.clearance_m, TIGHT_CLEARANCE_M)):
-                    given = (centre, axis, index, half, cuboids, shape, clearance, faces.lean_rad)
+                    given = (centre, turn, index, half, cuboids, shape, clearance, faces.lean_rad)
                     opening = opening or opening_for(*given)
                 nearest = (np.inf, "") if opening is None else surfaces.nearest(centre, turn, opening, shape)
                 if opening is None or nearest[0] < WALL_CLEARANCE_M:
@@ -266,7 +266,7 @@ def _contacts(
                     tilt = tilt_rad if scenario.tilts else None
                     contacts.append(replace(one, separation_m=2 * half, pad_radius_m=shape.pad_radius, tilt_rad=tilt))
             if not contacts or (contacts[-1].hold, contacts[-1].pair) != (index, pair):
-                opens = partial(opening_for, middle, axis, index, half, cuboids, shape)
+                opens = partial(opening_for, middle, turn, index, half, cuboids, shape)
                 unusable[index, pair] = narrow_text(opens, nearest, min(limits.clearance_m, TIGHT_CLEARANCE_M))
     fingers = sorted(set(contact.spines_only.values()))
     by_spines = (replace(c, spines_only=finger) for finger in fingers for c in contacts if not c.leans)
@@ -331,11 +331,11 @@ def _in_air(name: str, scenario: Scenario, heading: float, cuboids: Cuboids, sha
     gripper, limb = scenario.start.air[name], LIMB_NAMES.index(name)
     centre = rotation_z(-heading) @ np.array(gripper.position_m)
     yaw = math.remainder(gripper.yaw_rad - heading, 2 * math.pi)
-    axis = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    turn = gripper_rotation(yaw, np.zeros(2))
     inside = np.flatnonzero(cuboids.distance(centre) < 0.0)
     hold = int(inside[0]) if len(inside) else -1 - limb
     half = float(np.clip(gripper.opening_m, shape.smallest_opening, shape.largest_opening))
-    opening = opening_for(centre, axis, hold, half, cuboids, shape, TIGHT_CLEARANCE_M) or shape.open_opening
+    opening = opening_for(centre, turn, hold, half, cuboids, shape, TIGHT_CLEARANCE_M) or shape.open_opening
     finger = scenario.contact.spines_only.get(name, 0)
     nothing = (np.zeros(2), np.zeros((2, 3)))
     tilt = np.zeros(2) if scenario.tilts else None

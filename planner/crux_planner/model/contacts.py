@@ -14,6 +14,8 @@ PAIR_NAMES = ("x", "y")
 FACE_NAMES = ("+x", "-x", "+y", "-y")  # by number, as limb_knot_t has them
 _NO_TILT = np.zeros(2)
 _ALONG_WALL = 1e-9
+_ALONG = np.linspace(0.0, 1.0, 5)
+BESIDE_M = 0.004  # of fingers and palms to turned cuboids beside them
 
 
 @dataclass(frozen=True)
@@ -166,6 +168,13 @@ def yaws_in_range(axis_rad: float, allowed_rad: tuple[float, float]) -> list[tup
     return [(axis_rad + n * np.pi, n % 2 != 0) for n in range(first, last + 1)]
 
 
+def outline(opening_m: float, shape: GripperShape) -> Array:
+    """Points (n, 3) along the middles of fingers and palm, in the gripper's axes; they are as thick as a pad."""
+    finger, palm = opening_m + shape.pad_radius, float(shape.half_length(opening_m)) - shape.pad_radius
+    fingers = [[side * finger, 0.0, share * shape.finger_height] for side in (-1, 1) for share in _ALONG]
+    return np.array([*fingers, *([(2 * share - 1) * palm, 0.0, shape.finger_height] for share in _ALONG)])
+
+
 def off_wall_m(contact_centre: Array, axis: Array, half_m: float, shape: GripperShape) -> float:
     """How far the lower one of two pads is off the wall, their faces so far from the middle along an axis (3,);
     infinite where these are along the wall: then their heights are what a gripper has.
@@ -178,7 +187,7 @@ def off_wall_m(contact_centre: Array, axis: Array, half_m: float, shape: Gripper
 
 def opening_for(
     contact_centre: Array,
-    axis: Array,
+    turn: Array,
     hold: int,
     half_m: float,
     cuboids: Cuboids,
@@ -189,9 +198,11 @@ def opening_for(
     """Opening with which a gripper may leave this grasp: as near to the preferred one as its neighbours allow.
 
     The middle of each finger keeps `clearance_m` to every other cuboid on its whole way from closed to open; to the
-    hold itself, the steeper face of which may lean, it keeps as much once open. None where the neighbours leave no
-    such opening.
+    hold itself, the steeper face of which may lean, it keeps as much once open. Where cuboids are turned, whole fingers
+    and the palm keep off all others, too. None where the neighbours leave no such opening. `turn` (3, 3) is the
+    gripper's, with the opening axis first.
     """
+    axis = turn[:, 0]
     beyond = clearance_m - shape.pad_radius
     leaning = half_m + beyond / np.cos(lean_rad) if lean_rad else 0.0
     smallest = max(half_m + clearance_m - shape.pad_radius, leaning, shape.smallest_opening)
@@ -201,5 +212,8 @@ def opening_for(
         swings = np.linspace(half_m, openings, 9, axis=-1) + shape.pad_radius  # (openings, ways there)
         points = contact_centre + np.concatenate([swings, -swings], axis=1)[..., None] * axis
         met = cuboids.distance(points)[..., others].min(axis=(1, 2)) < clearance_m
+        if not cuboids.upright:
+            hands = contact_centre + np.array([outline(opening, shape) for opening in openings]) @ turn.T
+            met |= cuboids.distance(hands)[..., others].min(axis=(1, 2)) < shape.pad_radius + BESIDE_M
         openings = openings[: int(np.argmax(met))] if met.any() else openings
     return float(openings[np.argmin(np.abs(openings - shape.open_opening))]) if len(openings) else None

@@ -8,10 +8,8 @@ import numpy as np
 from crux_contracts.scenario import Wall
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.contacts import GripperShape, off_wall_m
+from crux_planner.model.contacts import GripperShape, off_wall_m, outline
 from crux_planner.model.cuboids import Cuboids, cuboids_of
-
-_ALONG = np.linspace(0.0, 1.0, 5)
 
 
 @dataclass(frozen=True)
@@ -37,14 +35,7 @@ class Surfaces:
         if self.endless:
             found.append((off_wall_m(centre, turn[:, 0], opening_m, shape), "the wall"))
         if self.names:
-            points = centre + _outline(opening_m, shape) @ turn.T
+            points = centre + outline(opening_m, shape) @ turn.T
             gaps = self.slabs.distance(points).min(axis=0) - shape.pad_radius
             found += zip(gaps.tolist(), self.names, strict=True)
         return min(found)
-
-
-def _outline(opening_m: float, shape: GripperShape) -> Array:
-    """Points (n, 3) along the middles of fingers and palm, in the gripper's axes; they are as thick as a pad."""
-    finger, palm = opening_m + shape.pad_radius, float(shape.half_length(opening_m)) - shape.pad_radius
-    fingers = [[side * finger, 0.0, share * shape.finger_height] for side in (-1, 1) for share in _ALONG]
-    return np.array([*fingers, *([(2 * share - 1) * palm, 0.0, shape.finger_height] for share in _ALONG)])

@@ -12,6 +12,7 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.contacts import GripperShape, opening_for, yaws_in_range
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.faces import pad_height
+from crux_planner.model.kinematics import rotation_z
 from crux_planner.pipeline.explanation import check_start
 from crux_planner.search.equilibrium import StaticEquilibrium
 from hypothesis import given
@@ -47,20 +48,41 @@ def wall(*places: tuple[float, float]) -> Cuboids:
 
 
 def test_a_lone_hold_is_left_with_the_preferred_opening() -> None:
-    opening = opening_for(np.array([0, 0, 0.035]), np.array([1.0, 0, 0]), 0, 0.03, wall((0, 0)), SHAPE, CLEARANCE_M)
+    opening = opening_for(np.array([0, 0, 0.035]), np.eye(3), 0, 0.03, wall((0, 0)), SHAPE, CLEARANCE_M)
     assert opening == pytest.approx(SHAPE.open_opening)
 
 
 def test_a_neighbour_makes_the_fingers_open_less_or_not_at_all() -> None:
-    centre, axis = np.array([0, 0, 0.035]), np.array([1.0, 0, 0])
+    centre, turn = np.array([0, 0, 0.035]), np.eye(3)
     for distance in (0.125, 0.121):
-        opening = opening_for(centre, axis, 0, 0.03, wall((0, 0), (distance, 0)), SHAPE, CLEARANCE_M)
+        opening = opening_for(centre, turn, 0, 0.03, wall((0, 0), (distance, 0)), SHAPE, CLEARANCE_M)
         assert opening is not None
         assert distance - 0.03 - (opening + SHAPE.pad_radius) >= CLEARANCE_M - 1e-12  # to the neighbour
         assert opening + SHAPE.pad_radius - 0.03 >= CLEARANCE_M - 1e-12  # to the hold itself
-    assert opening_for(centre, axis, 0, 0.03, wall((0, 0), (0.1, 0)), SHAPE, CLEARANCE_M) is None
-    across = opening_for(centre, np.array([0, 1.0, 0]), 0, 0.03, wall((0, 0), (0.1, 0)), SHAPE, CLEARANCE_M)
+    assert opening_for(centre, turn, 0, 0.03, wall((0, 0), (0.1, 0)), SHAPE, CLEARANCE_M) is None
+    across = opening_for(centre, rotation_z(np.pi / 2), 0, 0.03, wall((0, 0), (0.1, 0)), SHAPE, CLEARANCE_M)
     assert across == pytest.approx(SHAPE.open_opening)
+
+
+def test_a_neighbour_that_leans_over_the_fingers_leaves_less_to_open() -> None:
+    """Its foot is far enough, its top is not: a box 0.1 m high that leans by 30 degrees towards the hold."""
+    centre, lean = np.array([0, 0, 0.035]), np.radians(30)
+
+    def opening(foot_x_m: float) -> float | None:
+        feet, tilts = np.array([[0, 0], [foot_x_m, 0]]), np.array([[0, 0], [0, -lean]])
+        half = np.array([[0.03, 0.03, 0.03], [0.03, 0.03, 0.05]])
+        two = Cuboids(feet, half, np.zeros(2), tilts, np.zeros(2))
+        return opening_for(centre, np.eye(3), 0, 0.03, two, SHAPE, 0.018)
+
+    found = [opening(x) for x in (0.3, 0.148, 0.145)]
+    assert found[0] == pytest.approx(SHAPE.open_opening, abs=1e-3)
+    for foot_x_m, narrow in zip((0.148, 0.145), found[1:], strict=True):
+        assert narrow is not None
+        assert narrow < SHAPE.open_opening - 2e-3
+        corner = 0.1 * np.array([-np.sin(lean), np.cos(lean)]) - 0.03 * np.array([np.cos(lean), np.sin(lean)])
+        assert centre[2] < corner[1] < centre[2] + SHAPE.finger_height
+        finger_x_m = narrow + SHAPE.pad_radius  # a line from the pad to the palm, as thick as a pad
+        assert foot_x_m + corner[0] - finger_x_m - SHAPE.pad_radius >= 0.004 - 1e-9
 
 
 def test_a_start_is_gripped_with_the_finger_on_the_face_that_the_limb_reaches(tmp_path: Path) -> None:
