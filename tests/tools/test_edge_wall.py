@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,7 +15,7 @@ from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
 from crux_tools.robot3d.wall import add_wall
-from edges import CONCAVE, CONVEX, edge
+from edges import CHIMNEY, CONCAVE, CONVEX, CONVEX_60, chimney, edge
 from shared_plans import unproven
 
 RADIUS_M = 0.012
@@ -43,12 +44,18 @@ def test_a_ball_touches_the_surfaces_where_they_are(given: tuple[float, float, f
 
 
 @pytest.mark.parametrize(
-    "given", [pytest.param(CONVEX, id="convex"), pytest.param(CONCAVE, id="concave", marks=pytest.mark.sweep)]
+    "scene",
+    [
+        pytest.param(edge(*CONVEX), id="convex"),
+        pytest.param(edge(*CONCAVE), id="concave", marks=pytest.mark.sweep),
+        pytest.param(edge(*CONVEX_60), id="convex-60", marks=pytest.mark.sweep),
+        pytest.param(chimney(*CHIMNEY), id="chimney", marks=pytest.mark.sweep),
+    ],
 )
-def test_the_robot_climbs_over_an_edge(tmp_path: Path, given: tuple[float, float, float]) -> None:
+def test_the_robot_climbs_from_plane_to_plane(tmp_path: Path, scene: dict[str, Any]) -> None:
     """About 20 s: planning, and a round of four moves by runtime and physics."""
     plan = tmp_path / "plan.mcap"
-    write_plan(plan, unproven(parse_scenario(edge(*given)), load_robot("scaler")).plan)
+    write_plan(plan, unproven(parse_scenario(scene), load_robot("scaler")).plan)
     status, climbed = climb_here(plan, tmp_path / "log.mcap")
     assert (status, climbed["slips"], climbed["fell"]) == (0, 0, False)
     assert climbed["tracking"]["body_rms_m"] < 0.002

@@ -34,7 +34,7 @@ from .yaml_document import Node
 SIDE_FACES = FACE_NAMES[:4]
 LEAST_TOP_M = 0.005  # edges of a top that leaning faces leave
 UPRIGHT_DEG = 1e-6
-MAX_TURN_DEG = 45.0  # of a hold's top out of the wall's plane
+MAX_TURN_DEG = 90.0  # of a hold's top out of the wall's plane
 ON_WALL_M = 1e-9
 MAX_EDGE_M = 100.0
 

@@ -13,7 +13,6 @@ from crux_planner.model.cuboids import NO_CUBOIDS, Cuboids
 PAIR_NAMES = ("x", "y")
 FACE_NAMES = ("+x", "-x", "+y", "-y")  # by number, as limb_knot_t has them
 _NO_TILT = np.zeros(2)
-_ALONG_WALL = 1e-9
 _ALONG = np.linspace(0.0, 1.0, 5)
 BESIDE_M = 0.004  # of fingers and palms to turned cuboids beside them
 
@@ -173,16 +172,6 @@ def outline(opening_m: float, shape: GripperShape) -> Array:
     finger, palm = opening_m + shape.pad_radius, float(shape.half_length(opening_m)) - shape.pad_radius
     fingers = [[side * finger, 0.0, share * shape.finger_height] for side in (-1, 1) for share in _ALONG]
     return np.array([*fingers, *([(2 * share - 1) * palm, 0.0, shape.finger_height] for share in _ALONG)])
-
-
-def off_wall_m(contact_centre: Array, axis: Array, half_m: float, shape: GripperShape) -> float:
-    """How far the lower one of two pads is off the wall, their faces so far from the middle along an axis (3,);
-    infinite where these are along the wall: then their heights are what a gripper has.
-    """
-    aslant = abs(float(axis[2]))
-    if aslant < _ALONG_WALL:
-        return np.inf
-    return float(contact_centre[2] - aslant * (half_m + shape.pad_radius) - shape.pad_radius)
 
 
 def opening_for(

@@ -8,7 +8,7 @@ import numpy as np
 from crux_contracts.scenario import Wall
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.contacts import GripperShape, off_wall_m, outline
+from crux_planner.model.contacts import GripperShape, outline
 from crux_planner.model.cuboids import Cuboids, cuboids_of
 
 
@@ -29,13 +29,13 @@ class Surfaces:
         """How far [m] fingers and palm of a gripper are off these surfaces, and off which: its centre (3,) between the
         pads, its rotation (3, 3) with the opening axis first, the pads' faces so far from the centre.
 
-        The palm counts beside slabs alone: it is above the pads, and so off the plane where they are.
+        An upright gripper is off the plane where its pads are at a height that it can have.
         """
         found = [(np.inf, "the wall")]
-        if self.endless:
-            found.append((off_wall_m(centre, turn[:, 0], opening_m, shape), "the wall"))
+        points = centre + outline(opening_m, shape) @ turn.T
+        if self.endless and turn[2, 2] < 1.0:
+            found.append((float(points[:, 2].min()) - shape.pad_radius, "the wall"))
         if self.names:
-            points = centre + outline(opening_m, shape) @ turn.T
             gaps = self.slabs.distance(points).min(axis=0) - shape.pad_radius
             found += zip(gaps.tolist(), self.names, strict=True)
         return min(found)

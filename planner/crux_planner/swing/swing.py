@@ -67,14 +67,15 @@ def plan_swing(
     body_line_h_m: Array | None = None,
     skip: int = 0,
 ) -> Swing | None:
-    """The best way found from `start` to `end`, or None where tall cuboids leave none.
+    """The best way found from `start` to `end`, or None where tall cuboids or the ways off the holds leave none.
 
     The best way is short and, where there is a choice, on the side of the body, whose path runs along `body_line_h_m`
     (2, 2): there the limb itself keeps off what its gripper goes around. `skip` leaves out the best ones.
     """
-    frame = SwingFrame.between(start, end) if start.tilted or end.tilted else None
-    given = start, end, cuboids, shape, limits
-    if frame is not None:
+    given, frame = (start, end, cuboids, shape, limits), None
+    if start.tilted or end.tilted:
+        if (frame := SwingFrame.between(start, end)) is None:
+            return None
         turned = replace(limits, slabs=frame.cuboids(limits.slabs), floor_m=-np.inf)
         given = frame.contact(start), frame.contact(end), frame.cuboids(cuboids), shape, turned
         body_line_h_m = frame.plan_line(body_line_h_m)

@@ -13,6 +13,9 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.contacts import Contact
 from crux_planner.model.cuboids import Cuboids
 
+_LOCK = 1e-6  # sine of the angle between an axis and z
+_LEAST_COS = -0.5  # of the angle between the ways off two holds
+
 
 @dataclass(frozen=True)
 class SwingFrame:
@@ -22,8 +25,12 @@ class SwingFrame:
     about_h_m: Array  # (3,)
 
     @classmethod
-    def between(cls, start: Contact, end: Contact) -> SwingFrame:
-        """About the middle of two contacts whose ways off are not opposed."""
+    def between(cls, start: Contact, end: Contact) -> SwingFrame | None:
+        """About the middle of two contacts; None where they look so far away from each other that no way over all that
+        is between leaves both.
+        """
+        if start.up @ end.up < _LEAST_COS:
+            return None
         up = start.up + end.up
         sine = np.hypot(up[0], up[1])
         angle = np.arctan2(sine, up[2])
@@ -46,9 +53,13 @@ class SwingFrame:
         if not len(cuboids.yaw_rad):
             return cuboids
         turned, foot = self.rotation.T @ cuboids.rotation, self.points(cuboids.foot_m)
-        roll = np.arctan2(turned[:, 2, 1], turned[:, 2, 2])
-        pitch = np.arctan2(-turned[:, 2, 0], np.hypot(turned[:, 0, 0], turned[:, 1, 0]))
-        yaw = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
+        level = np.hypot(turned[:, 0, 0], turned[:, 1, 0])  # 0 where x is along z: then the yaw counts as roll
+        lock = level < _LOCK
+        roll = np.where(
+            lock, np.arctan2(-turned[:, 1, 2], turned[:, 1, 1]), np.arctan2(turned[:, 2, 1], turned[:, 2, 2])
+        )
+        pitch = np.arctan2(-turned[:, 2, 0], level)
+        yaw = np.where(lock, 0.0, np.arctan2(turned[:, 1, 0], turned[:, 0, 0]))
         return Cuboids(foot[:, :2], cuboids.half_m, yaw, np.column_stack([roll, pitch]), foot[:, 2])
 
     def plan_line(self, line_h_m: Array | None) -> Array | None:

@@ -15,7 +15,7 @@ from crux_contracts.scenario import ScenarioError
 from crux_msgs import plan_t
 from crux_planner.checker import check_plan
 from crux_planner.pipeline.message import PlanResult
-from edges import CONCAVE, CONVEX, edge
+from edges import CHIMNEY, CONCAVE, CONVEX, chimney, edge
 
 ROBOT = load_robot("scaler")
 LF = 0
@@ -66,6 +66,14 @@ def test_below_the_edge_nothing_is_in_the_way_but_what_there_is() -> None:
     plan = planned(*CONVEX).plan
     assert plan.knots[-1].limbs[LF].gripper_position_w_m[2] < -0.004
     assert not any(name.startswith("clearance") for name in violations(plan, 0, [0.0, 0.0, -0.05]))
+
+
+def test_limbs_hold_walls_that_are_turned_by_60_degrees() -> None:
+    """Left and right of a body that has nothing behind."""
+    plan = crux_planner.plan(chimney(*CHIMNEY), ROBOT).plan
+    tilts = np.degrees([limb.gripper_tilt_w_rad for knot in plan.knots for limb in knot.limbs if limb.hold >= 0])
+    assert np.abs(tilts[:, 0]) == pytest.approx(60.0)
+    assert check_plan(plan, ROBOT).ok
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import NO_CUBOIDS, Cuboids
 from crux_planner.model.hands import hands_of, rotations
 from crux_planner.swing.swing import Swing, plan_swing
+from crux_planner.swing.swing_frame import SwingFrame
 from scipy.spatial.transform import Rotation
 
 SHAPE = GripperShape(0.008, 0.066, 0.048, 0.012, 0.05)
@@ -70,6 +71,24 @@ def test_it_passes_over_an_edge_between_the_holds() -> None:
     assert high is not None
     assert high.stations[:, 2].min() >= height + LIMITS.clearance_m
     assert high.stations[:, 2].min() > low.stations[:, 2].min() + 0.01
+
+
+def test_there_is_no_way_between_holds_that_face_each_other() -> None:
+    feet = [np.array([0.0, 0.0, 0.0]), np.array([0.6, 0.0, 0.0])]
+    assert way(about_y(80.0, -80.0), feet) is None
+    assert way(about_y(80.0, 79.0), [feet[0], np.array([0.0, 0.2, 0.0])]) is not None
+
+
+@pytest.mark.parametrize("pitch_deg", [90.0, -90.0, 89.99999, 40.0])
+def test_bodies_are_the_same_in_its_axes_whichever_way_they_are_turned(pitch_deg: float) -> None:
+    """Their distances to points, for frames in which their x is along z, too."""
+    random, turn = np.random.default_rng(2), Rotation.from_euler("ZYX", [30.0, 0.0, 20.0], degrees=True)
+    body = np.array([[0.1, 0.2]]), np.array([[0.1, 0.03, 0.05]])
+    boxes = Cuboids(*body, np.radians([30.0]), np.radians([[20.0, 0.0]]), np.array([0.04]))
+    to_lock = turn * Rotation.from_euler("ZYX", [50.0, pitch_deg, 10.0], degrees=True).inv()
+    frame = SwingFrame(to_lock.as_matrix(), np.array([0.3, -0.1, 0.2]))
+    points = random.uniform(-0.4, 0.4, (200, 3))
+    assert frame.cuboids(boxes).distance(frame.points(points)) == pytest.approx(boxes.distance(points), abs=1e-6)
 
 
 def test_rotations_are_those_of_gripper_frames() -> None:
