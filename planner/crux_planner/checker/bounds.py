@@ -9,9 +9,11 @@ from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 
 
-def check_bounds(plan: PlanArrays, robot: Robot, point_model: bool, paced: bool, findings: Findings) -> None:
+def check_bounds(
+    plan: PlanArrays, robot: Robot, point_model: bool, paced: bool, findings: Findings, *, endless: bool = True
+) -> None:
     """Body height, tilt, speed and rate at the knots; opening, yaw against the body, height and mean speed of grippers
-    over every interval.
+    over every interval, heights of grippers where the wall is `endless`.
 
     Speeds are bounded component by component: along, across and off the wall with respect to the heading of the first
     pose, so that turning a whole scene about W's z changes nothing; rates about the body's own axes. A plan that is
@@ -50,8 +52,9 @@ def check_bounds(plan: PlanArrays, robot: Robot, point_model: bool, paced: bool,
         yaw = (plan.gripper_yaw[:, limb] - plan.body_rpy[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
         low, high = yaw_range
         findings.add_series("gripper_yaw", np.maximum(low - yaw, yaw - high), times, "rad", limb=limb)
-        height = plan.gripper_position[:, limb, 2] - grasp.max_swing_height_m
-        findings.add_series("swing_height", height, times, "m", limb=limb)
+        if endless:
+            height = plan.gripper_position[:, limb, 2] - grasp.max_swing_height_m
+            findings.add_series("swing_height", height, times, "m", limb=limb)
         mean_speed = np.linalg.norm(np.diff(plan.gripper_position[:, limb], axis=0), axis=1) / plan.step_s
         findings.add_series("swing_speed", mean_speed - limb_speed, between, "m/s", limb=limb)
         tilting = np.linalg.norm(np.diff(plan.gripper_tilt[:, limb], axis=0), axis=1)

@@ -62,7 +62,7 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
     """All checks that need a plan of sound form, a robot and a scenario."""
     model, point = load_model(robot), scenario.contact.model == "point"
     paced = plan.own_times and scenario.planner.objective != "paper"
-    check_bounds(plan, robot, point, paced, findings)
+    check_bounds(plan, robot, point, paced, findings, endless=scenario.wall.endless)
     if paced:
         check_pace(plan, robot, findings)
     check_contact(plan, scenario, robot, findings)

@@ -192,6 +192,7 @@ def _swing_limits(
         clearance_m,
         PASSING_CLEARANCE_M,
         robot.grasp.max_swing_height_m if surfaces.names else min(robot.grasp.max_swing_height_m, top_m),
+        endless=surfaces.endless,
         slabs=surfaces.slabs,
     )
 

@@ -72,20 +72,23 @@ def plan_swing(
     The best way is short and, where there is a choice, on the side of the body, whose path runs along `body_line_h_m`
     (2, 2): there the limb itself keeps off what its gripper goes around. `skip` leaves out the best ones.
     """
-    given, frame = (start, end, cuboids, shape, limits), None
+    frame, most_m = None, limits.max_height_m if limits.endless else np.inf
+    given = start, end, cuboids
     if start.tilted or end.tilted:
         if (frame := SwingFrame.between(start, end)) is None:
             return None
-        turned = replace(limits, slabs=frame.cuboids(limits.slabs), floor_m=-np.inf)
-        given = frame.contact(start), frame.contact(end), frame.cuboids(cuboids), shape, turned
+        given = frame.contact(start), frame.contact(end), frame.cuboids(cuboids)
+        limits = replace(limits, slabs=frame.cuboids(limits.slabs), floor_m=-np.inf)
         body_line_h_m = frame.plan_line(body_line_h_m)
-    for corners in _candidate_ways(*given, body_line_h_m):
-        way = _clear_way(corners, *given)
+    if not limits.endless:
+        limits = limits.over(given[2].foot_m[[each.hold for each in (start, end) if each.hold >= 0], 2])
+    for corners in _candidate_ways(*given, shape, limits, body_line_h_m):
+        way = _clear_way(corners, *given, shape, limits)
         if way is None:
             continue
         if frame is not None:
             way = frame.back(way, start, end)
-            if way[:, 2].max() > limits.max_height_m:
+            if way[:, 2].max() > most_m:
                 continue
         if skip > 0:
             skip -= 1

@@ -19,7 +19,9 @@ SIZE_M = np.array([0.06, 0.06, 0.06])
 LIMITS = SwingLimits(2.0, 0.05, 0.25, 0.024, 0.01, 0.6)
 
 
-def way(turns: list[Rotation], feet_m: list[np.ndarray], slabs: Cuboids = NO_CUBOIDS) -> Swing | None:
+def way(
+    turns: list[Rotation], feet_m: list[np.ndarray], slabs: Cuboids = NO_CUBOIDS, limits: SwingLimits = LIMITS
+) -> Swing | None:
     """From one hold to another, turned so and there."""
     contacts = []
     for hold, (turn, foot) in enumerate(zip(turns, feet_m, strict=True)):
@@ -29,7 +31,7 @@ def way(turns: list[Rotation], feet_m: list[np.ndarray], slabs: Cuboids = NO_CUB
     yaw, pitch, roll = np.array([turn.as_euler("ZYX") for turn in turns]).T
     foot = np.array(feet_m)
     holds = Cuboids(foot[:, :2], np.tile(SIZE_M / 2, (2, 1)), yaw, np.column_stack([roll, pitch]), foot[:, 2])
-    return plan_swing(contacts[0], contacts[1], holds, SHAPE, replace(LIMITS, slabs=slabs))
+    return plan_swing(contacts[0], contacts[1], holds, SHAPE, replace(limits, slabs=slabs))
 
 
 def about_y(*angles_deg: float) -> list[Rotation]:
@@ -71,6 +73,16 @@ def test_it_passes_over_an_edge_between_the_holds() -> None:
     assert high is not None
     assert high.stations[:, 2].min() >= height + LIMITS.clearance_m
     assert high.stations[:, 2].min() > low.stations[:, 2].min() + 0.01
+
+
+@pytest.mark.parametrize(("endless", "high_m", "there"), [(True, 0.0, True), (True, 0.1, False), (False, 0.1, True)])
+def test_the_height_of_swings_counts_from_an_endless_plane_or_from_the_holds(
+    endless: bool, high_m: float, there: bool
+) -> None:
+    feet = [np.array([0.0, 0.0, high_m]), np.array([0.2, 0.0, high_m])]
+    assert (
+        way(about_y(20.0, 20.0), feet, limits=replace(LIMITS, max_height_m=0.16, endless=endless)) is not None
+    ) == there
 
 
 def test_there_is_no_way_between_holds_that_face_each_other() -> None:
