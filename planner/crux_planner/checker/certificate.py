@@ -31,7 +31,10 @@ from crux_planner.checker.outer import OutsideError
 
 NO_PLAN, BOUND = "no plan", "bound"
 Shown = list[tuple[int | None, list[Array]]]
-UNKNOWN = "about a walk, limbs in the air at the start, or bodies that lean: no certificates are known for these"
+UNKNOWN = (
+    "about a walk, limbs in the air at the start, bounded surfaces, or bodies that lean: "
+    "no certificates are known for these"
+)
 LONGEST_SHOWN = 80
 LARGEST = 1e9
 """Multipliers beyond it would overflow in what they show of no plan; they are taken to show nothing."""
