@@ -36,7 +36,7 @@ from crux_planner.model.poses import body_and_ends, posture, weights_of, within_
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem
 from crux_planner.model.shapes import limb_radii_m
 from crux_planner.model.surfaces import Surfaces
-from crux_planner.model.unusable import WALL_CLEARANCE_M, height_text, narrow_text
+from crux_planner.model.unusable import WALL_CLEARANCE_M, height_text, narrow_text, width_text
 from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leaning_m, limb_reach, tilt_for
 
 MOST_CUBOIDS, MOST_WAY_M = 300, 40.0  # holds, and as many obstacles, and way that are planned at once
@@ -234,10 +234,8 @@ def _contacts(
             if faces.width_m < 2 * contact.patch_radius_m:
                 unusable[index, pair] = f"its faces are narrower than the patch, {2 * contact.patch_radius_m:g} m"
                 continue
-            if half < shape.smallest_opening or half + shape.pad_radius > shape.largest_opening:
-                slack = shape.largest_opening - shape.pad_radius
-                spans = f"{2 * shape.smallest_opening:g}..{2 * slack:g} m"
-                unusable[index, pair] = f"it is {2 * half:g} m wide, the gripper takes {spans}"
+            if width := width_text(half, shape):
+                unusable[index, pair] = width
                 continue
             if (steep := too_steep(hold, pair)) is not None:
                 unusable[index, pair] = steep

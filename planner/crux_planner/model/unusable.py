@@ -5,6 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from crux_contracts.robot import Robot
 
+from crux_planner.model.contacts import GripperShape
+
 WALL_CLEARANCE_M = 0.003  # of pads to the wall where a hold is turned out of its plane, and to bounded surfaces
 
 
@@ -14,6 +16,15 @@ def height_text(height_m: float, robot: Robot, patch_radius_m: float, palm_above
     least, most = max(low, patch_radius_m) + patch_radius_m, high + palm_above_pad_m
     limit = f"lower than the {least:g} m" if height_m < least else f"higher than the {most:g} m"
     return f"it is {height_m:g} m high, {limit} that the gripper's pads and palm need"
+
+
+def width_text(half_m: float, shape: GripperShape) -> str:
+    """Why the gripper does not span faces so far from the middle; empty where it does."""
+    most_m = shape.largest_opening - shape.pad_radius
+    if shape.smallest_opening <= half_m and half_m + shape.pad_radius <= shape.largest_opening:
+        return ""
+    spans = f"{2 * shape.smallest_opening:g}..{2 * most_m:g} m"
+    return f"it is {2 * half_m:g} m wide, the gripper takes {spans}"
 
 
 def narrow_text(opens: Callable[[float], float | None], nearest: tuple[float, str], needed_m: float) -> str:
