@@ -48,6 +48,7 @@ def test_without_options_only_the_programs_are_built(tmp_path: Path) -> None:
         "crux_programs",
         "crux-runtime",
         "crux-recompute",
+        "libcrux_bound.so",
         "libcrux_chain.so",
         "libcrux_path.so",
         "libcrux_reach.so",

@@ -19,6 +19,7 @@ PROGRAMS = (
     "runtime/app/crux-runtime",
     "runtime/app/crux-recompute",
     "firmware/libcrux_nodes.so",
+    "planner/libcrux_bound.so",
     "planner/libcrux_chain.so",
     "planner/libcrux_path.so",
     "planner/libcrux_reach.so",

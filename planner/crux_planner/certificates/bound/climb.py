@@ -31,7 +31,7 @@ from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers, Win
 from crux_planner.certificates.bound.places import orientations
 from crux_planner.certificates.bound.similarity import Similarity
 from crux_planner.certificates.bound.swings import detours, earned, ends, floor, knot_floor, shared_weight
-from crux_planner.certificates.bound.timeline import DynamicProgram
+from crux_planner.certificates.bound.timeline import DynamicProgram, library
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem
 from crux_planner.solvers import clock
@@ -59,13 +59,12 @@ def lower_bound(
     effort: float = np.inf,
 ) -> float | None:
     """A number that J of no plan is below, at most `cost`; None where (2) is not what holds, where faces lean or
-    cuboids are turned, and for limbs without closed-form kinematics.
+    cuboids are turned, for limbs without closed-form kinematics, and where libcrux_bound.so has not been built.
 
     `report` is told each better bound, so that one may stop listening at any time.
     """
-    if (
-        problem.limit_surface == "paper" or not problem.upright or not problem.closed_form
-    ):  # the paper's lets pass what (2) does not
+    paper = problem.limit_surface == "paper"  # which lets pass what (2) does not
+    if paper or not problem.upright or not problem.closed_form or library() is None:
         return None
     limits = _Limits(clock.now() + time_limit_s, effort)
     problem = replace(problem, boxes=problem.limb_reach.outer, friction_share=1.0)

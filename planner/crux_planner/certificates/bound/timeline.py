@@ -8,11 +8,18 @@ on a hold, which faces it grips and whether it changes them, is free, which leav
 through a node costs is then the way through its holds with the node's own knot.
 
 Between two knots first every limb that leaves its contact does so, then those land that do; what lies between, a set of
-grasps less some of its limbs, is a node of the program too, where no knot may be spent.
+grasps less some of its limbs, is a node of the program too, where no knot may be spent. libcrux_bound.so
+lists the states and takes the steps from knot to knot (planner/native/timeline.h).
 """
 
+from __future__ import annotations
+
+import ctypes
 from collections.abc import Callable
+from ctypes import POINTER, c_double, c_int32, c_int64
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 from crux_contracts import N_LIMBS
@@ -20,35 +27,56 @@ from crux_contracts import N_LIMBS
 from crux_planner.certificates.bound.grasps import Grasps
 from crux_planner.certificates.bound.swings import quickest_to
 from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.native import doubles, integers, shared_library
 from crux_planner.model.problem import Problem
 
 Stage = Callable[[int], Array]
 """Cost (n,) of a knot on each node."""
 
+NAME = "libcrux_bound.so"
 _KEPT = 40  # knots between those whose states are remembered, for long walls
 _SUBSETS = np.array([[(mask >> limb) & 1 for limb in range(N_LIMBS)] for mask in range(2**N_LIMBS)], dtype=bool)
 _LARGE = 250_000  # states, about, beyond which faces are merged: it costs a third of the bound
 
 
-@dataclass(frozen=True)
-class _Landings:
-    """Contacts of one limb that its swings reach in as many knots."""
+class _Options(ctypes.Structure):
+    """crux_timeline_options."""
 
-    standing: Indices  # states with the limb on one of them, those that come from one set of grasps side by side
-    groups: Indices  # first of each such set
-    in_air: Indices  # (ages, sets) states from which it may land there
+    _fields_ = [("many", c_int64), ("ages", c_int64), ("least_air", POINTER(c_int64))]
 
 
-@dataclass(frozen=True)
-class _Limb:
-    """What one limb does between two knots, as lists of states."""
+class _Limb(ctypes.Structure):
+    """crux_timeline_limb."""
 
-    standing: Indices  # states with the limb on a contact, in the order of what they become when it releases
-    lifted: Indices  # that
-    groups: Indices  # first of those that become the same
-    lifted_once: Indices  # what they become
-    lands_from: Indices  # for each state of `standing`, the one in the air for just long enough to land there
-    landings: list[_Landings]
+    _fields_ = [
+        ("count", c_int64),
+        *((name, POINTER(c_int32)) for name in ("standing", "lifted", "lands_from", "step", "landings")),
+    ]
+
+
+class _Timeline(ctypes.Structure):
+    """crux_timeline."""
+
+    _fields_ = [
+        *((name, c_int64) for name in ("states", "nodes")),
+        *((name, POINTER(c_int32)) for name in ("younger", "older", "first")),
+        ("change", c_double),
+        ("limbs", _Limb * N_LIMBS),
+    ]
+
+
+@cache
+def library() -> ctypes.CDLL | None:
+    """None where it has not been built."""
+    loaded = shared_library(NAME)
+    if loaded is not None:
+        floats = POINTER(c_double)
+        loaded.crux_timeline_states.restype = None
+        loaded.crux_timeline_states.argtypes = [POINTER(_Options), POINTER(c_int64), POINTER(_Timeline)]
+        loaded.crux_timeline_forward.restype = loaded.crux_timeline_backward.restype = None
+        loaded.crux_timeline_forward.argtypes = [POINTER(_Timeline), *[floats] * 4]
+        loaded.crux_timeline_backward.argtypes = [POINTER(_Timeline), *[floats] * 5]
+    return loaded
 
 
 @dataclass(frozen=True)
@@ -69,47 +97,30 @@ class Timeline:
     """
 
     def __init__(self, options: Indices, least_air: list[Indices], change: float) -> None:
-        self._change, self._least_air = change, least_air
+        compiled = library()
+        assert compiled is not None  # no bound is worked out where it has not been built
+        self._compiled = compiled
         many = np.array([len(air) for air in least_air])
-        self._ages = np.array([int(air.max(initial=1)) + 1 for air in least_air])  # told apart in the air
-        self._radix = np.concatenate([np.cumprod((many + 1)[:0:-1])[::-1], [1]]).astype(np.int64)
+        ages = np.array([int(air.max(initial=1)) + 1 for air in least_air])  # told apart in the air
+        radix = np.concatenate([np.cumprod((many + 1)[:0:-1])[::-1], [1]]).astype(np.int64)
         every = np.where(_SUBSETS, many, options[:, None]).reshape(-1, N_LIMBS)
-        self._codes, found = np.unique(every @ self._radix, return_index=True)
-        nodes = every[found]
-        self._own = np.searchsorted(self._codes, options @ self._radix)
-        sizes = np.where(nodes == many, self._ages, 1)
-        self._first = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))]).astype(np.int64)
-        self._stride = np.where(nodes == many, np.cumprod(sizes[:, ::-1], axis=1)[:, ::-1] // sizes, 0)
-        self._node = np.repeat(np.arange(len(nodes)), np.diff(self._first))
-        self.states = len(self._node)
-        every_state = np.arange(self.states)
-        stride = self._stride[self._node]
-        age = (every_state - self._first[self._node])[:, None] // np.maximum(stride, 1) % self._ages + 1
-        age[stride == 0] = 0
-        self._younger = every_state - np.where(age > 1, stride, 0).sum(axis=1)
-        self._older = every_state + np.where((age > 0) & (age < self._ages), stride, 0).sum(axis=1)
+        codes, found = np.unique(every @ radix, return_index=True)
+        nodes = np.ascontiguousarray(every[found], dtype=np.int64)
+        self._own = np.searchsorted(codes, options @ radix)
+        aloft = nodes == many
+        sizes = np.where(aloft, ages, 1).prod(axis=1)
+        self.states = int(sizes.sum())
+        self._first = np.empty(len(nodes) + 1, dtype=np.int32)
+        self._node = np.repeat(np.arange(len(nodes)), sizes)
+        self._lists = [np.empty((2, self.states), dtype=np.int32)]
+        self._lists += [np.empty((5, int(sizes[~air].sum())), dtype=np.int32) for air in aloft.T]
+        limbs = (_Limb * N_LIMBS)(*(_Limb(0, *map(_integers, own)) for own in self._lists[1:]))
+        both = map(_integers, self._lists[0])
+        self._timeline = _Timeline(self.states, len(nodes), *both, _integers(self._first), change, limbs)
+        airs = [np.ascontiguousarray(air, dtype=np.int64) for air in least_air]
+        given = (_Options(len(air), age, integers(air)) for air, age in zip(airs, ages.tolist(), strict=True))
+        compiled.crux_timeline_states((_Options * N_LIMBS)(*given), integers(nodes), self._timeline)
         self._table, self._by_state = np.zeros(0), np.zeros(0)  # costs by node, given last, and by state
-        self._limbs = [self._of_limb(limb, nodes[:, limb], age) for limb in range(N_LIMBS)]
-
-    def _of_limb(self, limb: int, option: Indices, age: Indices) -> _Limb:
-        least = self._least_air[limb]
-        standing = np.flatnonzero(age[:, limb] == 0)
-        option = option[self._node[standing]]
-        without = self._codes[self._node[standing]] + (len(least) - option) * self._radix[limb]
-        node = np.searchsorted(self._codes, without)
-        lifted = self._first[node] + (np.maximum(age[standing] - 1, 0) * self._stride[node]).sum(axis=1)
-        order = np.argsort(lifted, kind="stable")
-        standing, lifted, air, step = standing[order], lifted[order], least[option[order]], self._stride[node, limb]
-        step = step[order]
-        groups = _groups(lifted)
-        landings = []
-        for knots in np.unique(air):
-            own = np.flatnonzero(air == knots)
-            first = _groups(lifted[own])
-            one = own[first]
-            ages = np.arange(knots, self._ages[limb])[:, None]
-            landings.append(_Landings(standing[own], first, lifted[one] + ages * step[one]))
-        return _Limb(standing, lifted, groups, lifted[groups], lifted + air * step, landings)
 
     def forward(self, start: int, ends: Indices, knots: int, stage: Stage) -> Forward:
         """The way from node `start` to one of the nodes `ends`, which is reached at knot `knots`."""
@@ -121,9 +132,8 @@ class Timeline:
             if k % _KEPT == 0:
                 kept.append(value)
                 recent = []
-            value = value + self._costs(stage(k))
-            recent.append(value)
-            value = self._step(value)
+            spent, value = self._forward(value, stage(k))
+            recent.append(spent)
         least = float(value[self._first[self._own[ends]]].min(initial=np.inf))
         return Forward(least, knots, kept, recent)
 
@@ -137,48 +147,34 @@ class Timeline:
             if end < way.knots:
                 recent, before = [], way.kept[part]
                 for k in range(first, end):
-                    before = before + self._costs(stage(k))
-                    recent.append(before)
-                    before = self._step(before)
+                    spent, before = self._forward(before, stage(k))
+                    recent.append(spent)
             for k in reversed(range(first, end)):
-                value = self._step_back(value)
-                found[k] = np.minimum.reduceat(recent[k - first] + value, self._first[:-1])[self._own]
-                value = value + self._costs(stage(k))
+                onwards, least = np.empty(self.states), np.empty(self._timeline.nodes)
+                floats = value, self._costs(stage(k)), recent[k - first], onwards, least
+                self._compiled.crux_timeline_backward(self._timeline, *map(doubles, floats))
+                found[k], value = least[self._own], onwards
         return found
 
     def _costs(self, by_nodes: Array) -> Array:
         """By state; the table given last is kept: most knots share theirs. No knot may be spent where no node is."""
         if by_nodes is not self._table:
-            whole = np.full(len(self._codes), np.inf)
+            whole = np.full(self._timeline.nodes, np.inf)
             whole[self._own] = by_nodes
             self._table, self._by_state = by_nodes, whole[self._node]
         return self._by_state
 
-    def _step(self, value: Array) -> Array:
-        new: Array = value[self._younger]
-        for limb in self._limbs:
-            if len(limb.groups):
-                left = np.minimum.reduceat(new[limb.standing], limb.groups) + self._change
-                new[limb.lifted_once] = np.minimum(new[limb.lifted_once], left)
-        for limb in self._limbs:
-            new[limb.standing] = np.minimum(new[limb.standing], new[limb.lands_from] + self._change)
-        return new
-
-    def _step_back(self, value: Array) -> Array:
-        value = value.copy()
-        for limb in self._limbs:
-            for landing in limb.landings:
-                landed = np.minimum.reduceat(value[landing.standing], landing.groups) + self._change
-                for states in landing.in_air:
-                    value[states] = np.minimum(value[states], landed)
-        for limb in self._limbs:
-            value[limb.standing] = np.minimum(value[limb.standing], value[limb.lifted] + self._change)
-        return np.asarray(value[self._older])
+    def _forward(self, value: Array, by_nodes: Array) -> tuple[Array, Array]:
+        """The least costs of ways to the states, with the knot's own and to the states at the next knot."""
+        spent, after = np.empty(self.states), np.empty(self.states)
+        floats = value, self._costs(by_nodes), spent, after
+        self._compiled.crux_timeline_forward(self._timeline, *map(doubles, floats))
+        return spent, after
 
 
-def _groups(values: Indices) -> Indices:
-    """First index of each run of equal values."""
-    return np.flatnonzero(np.diff(values, prepend=-1))
+def _integers(values: Any) -> Any:
+    """A pointer to a contiguous array of 32-bit integers, which has to be kept."""
+    return ctypes.cast(values.ctypes.data, POINTER(c_int32))
 
 
 class DynamicProgram:
