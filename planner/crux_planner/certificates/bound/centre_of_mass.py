@@ -13,12 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crux_planner.certificates.bound.grasps import Grasps
+from crux_planner.certificates.bound import native
+from crux_planner.certificates.bound.grasps import Grasps, Groups
 from crux_planner.certificates.bound.places import Orientations, shoulder_to_wrist, shoulders
 from crux_planner.certificates.bound.swings import airborne
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.limb import LimbMasses
 from crux_planner.model.mass import yawed_bounds
+from crux_planner.model.native import doubles, integers
 from crux_planner.model.problem import Problem
 
 FOLLOW = 0.098  # k: any number is true, this one leaves little open
@@ -110,11 +112,6 @@ def _plus(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]
     return a[0] + b[0], a[1] + b[1]
 
 
-def _products(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
-    every = [x * y for x in a for y in b]
-    return np.minimum.reduce(every), np.maximum.reduce(every)
-
-
 class CentreOfMass:
     """Bounds of e for pairs of grasps and cells of yaw, by cells of tilt."""
 
@@ -125,11 +122,10 @@ class CentreOfMass:
         self._known_spans: dict[int, tuple[list[Indices], Array, Array]] = {}  # by the list itself, which is kept
         self._limbs = [_Limb.of(limb, FOLLOW * problem.mass_kg) for limb in problem.limb_masses]
         heights, tilt = problem.body.height_m, problem.body.max_tilt_rad
-        tilts = self._tilts = [
-            float(np.arccos(np.cos(tilt * (t + 1) / len(about.shift_m)) ** 2)) for t in range(len(about.shift_m))
-        ]
+        tilts = [float(np.arccos(np.cos(tilt * (t + 1) / len(about.shift_m)) ** 2)) for t in range(len(about.shift_m))]
         self._shoulders = [shoulders(problem, about, limb) for limb in range(4)]
-        self._tables, self._heights = [], []
+        self._tables: list[list[Array]] = []
+        self._heights: list[list[Array]] = []
         gripped = self._contacts[:, 2].min(), self._contacts[:, 2].max()
         swinging = gripped[0], max(gripped[1], problem.swing.max_height_m)
         for limb in self._limbs:
@@ -140,8 +136,9 @@ class CentreOfMass:
                 sets.append(self._of_limb(limb, level, tilts))
             self._tables.append([tables for tables, _ in sets])
             self._heights.append([heights for _, heights in sets])
-        most_up = max(float(np.abs(tables[:, 2:4, 0, -1]).max()) for sets in self._tables for tables in sets)
-        self._aside = np.sin(tilts) * most_up
+        most_up = max(float(np.abs(tables[:, 0, -1, 2:4]).max()) for sets in self._tables for tables in sets)
+        self._turns = np.cos(tilts), np.sin(tilts)
+        self._aside = self._turns[1] * most_up
         own = problem.body_moment_kg_m + sum(limb.shoulder * limb.shoulder_b_m for limb in self._limbs)
         own[2] += sum(limb.body_up for limb in self._limbs)
         yaw = max(-float(about.yaw_low[0]), float(about.yaw_high[-1]))
@@ -153,7 +150,7 @@ class CentreOfMass:
 
     @staticmethod
     def _of_limb(limb: _Limb, level: list[float], tilts: list[float]) -> tuple[Array, Array]:
-        """(T, _ENDS, cells, cells) from the first to the last cell of how far out, and (T,) how far the wrist is
+        """(T, cells, cells, _ENDS) from the first to the last cell of how far out, and (T,) how far the wrist is
         at most from the shoulder along W's z.
         """
         most, length = max(abs(level[0]), abs(level[1])), limb.longest_m + float(np.linalg.norm(limb.shoulder_b_m))
@@ -167,15 +164,15 @@ class CentreOfMass:
                 table[::2, first, first:] = np.minimum.accumulate(by_cell[::2, first:], axis=1)
                 table[1::2, first, first:] = np.maximum.accumulate(by_cell[1::2, first:], axis=1)
                 table[4, first, first:] = np.maximum.accumulate(by_cell[4, first:])
-            tables.append(table)
+            tables.append(np.moveaxis(table, 0, -1))
             heights.append(2 * np.sin(tilt / 2) * float(np.linalg.norm(limb.shoulder_b_m)) + most)
-        return np.array(tables), np.array(heights)
+        return np.ascontiguousarray(tables), np.array(heights)
 
     def _anywhere(self) -> Array:
         """(T, 2, 3) of any grasps."""
         total = self._own.copy()
         for tables in self._tables:
-            ends = np.stack([each[:, :, 0, -1] for each in tables])  # (2, T, _ENDS)
+            ends = np.stack([each[:, 0, -1] for each in tables])  # (2, T, _ENDS)
             side = np.abs(ends[..., :2]).max(axis=(0, 2)) + self._aside
             total[:, 0] += np.column_stack([-side, -side, ends[..., 2].min(axis=0)])
             total[:, 1] += np.column_stack([side, side, ends[..., 3].max(axis=0)])
@@ -207,22 +204,26 @@ class CentreOfMass:
 
     def of(self, nodes: Grasps, pairs: Indices) -> Array:
         """(len(pairs), T, 2, 3); least above most where no limb reaches so."""
-        about = self._about
-        low, high, node, cell = nodes.low[pairs], nodes.high[pairs], nodes.node[pairs], nodes.cell[pairs]
-        shift = about.shift_m[-1]
-        total = np.broadcast_to(self._own, (len(node), *self._own.shape)).copy()
-        for limb, groups in enumerate(nodes.groups):
-            first, last = self._spans(groups)
-            option = nodes.options[node, limb]
-            shoulder, wide = self._shoulders[limb]
-            x0, y0 = (first[option, i] - high[:, i] - shift - shoulder[cell, i] - wide[cell] for i in (0, 1))
-            x1, y1 = (last[option, i] - low[:, i] + shift - shoulder[cell, i] + wide[cell] for i in (0, 1))
-            hanging = option == len(groups)
-            for which, aloft in ((~hanging, 0), (hanging, 1)):
-                at = np.flatnonzero(which)
-                if len(at):
-                    self._add(total, at, limb, aloft, (x0[at], x1[at]), (y0[at], y1[at]))
-        return np.asarray(total / self._mass_kg)
+        low, high = nodes.low[pairs], nodes.high[pairs]
+        node, cell = nodes.node[pairs], nodes.cell[pairs]
+        options, bounds = np.ascontiguousarray(nodes.options), np.empty((len(node), *self._own.shape))
+        given = doubles(low), doubles(high), integers(node), integers(cell), integers(options), doubles(bounds)
+        native.needed().crux_mass_bounds(self._masses(nodes.groups), len(node), *given)
+        return bounds
+
+    def _masses(self, groups: Groups) -> native.Masses:
+        """For limbs that have these options."""
+        limbs = []
+        for limb, own in enumerate(groups):
+            sets = (
+                native.MassTable(each.shape[1], doubles(each), doubles(height))
+                for each, height in zip(self._tables[limb], self._heights[limb], strict=True)
+            )
+            places = map(doubles, (*self._shoulders[limb], *self._spans(own)))
+            limbs.append(native.MassLimb((native.MassTable * 2)(*sets), len(own) + 1, *places))
+        tilts = map(doubles, (self._own, *self._turns, self._aside))
+        rest = _CELL_M, self._about.shift_m[-1], self._mass_kg
+        return native.Masses((native.MassLimb * 4)(*limbs), len(self._own), *tilts, *rest)
 
     def _spans(self, groups: list[Indices]) -> tuple[Array, Array]:
         """(n + 1, 3) least and most of the places of the gripper on each group of contacts, and in the air."""
@@ -232,34 +233,3 @@ class CentreOfMass:
             last = np.array([*(self._contacts[group].max(axis=0) for group in groups), air[1]])
             self._known_spans[id(groups)] = groups, first, last
         return self._known_spans[id(groups)][1:]
-
-    def _add(
-        self, total: Array, at: Indices, limb: int, aloft: int, x: tuple[Array, Array], y: tuple[Array, Array]
-    ) -> None:
-        """To pairs `at` what a limb adds, its wrist in these bounds off the shoulder."""
-        table, heights = self._tables[limb][aloft], self._heights[limb][aloft]
-        many = table.shape[-1]
-        x_near, y_near = (np.maximum(np.maximum(low, -high), 0.0) for low, high in (x, y))
-        x_far, y_far = (np.maximum(np.abs(low), np.abs(high)) for low, high in (x, y))
-        r0, r1 = np.sqrt(x_near**2 + y_near**2), x_far**2 + y_far**2
-        ways = _outwards(x, y_near, y_far), _outwards(y, x_near, x_far)
-        for t in range(len(table)):
-            last = np.minimum((np.sqrt(r1 + heights[t] ** 2) / _CELL_M).astype(int), many - 1)
-            inner = r0 * np.cos(self._tilts[t]) - heights[t] * np.sin(self._tilts[t])
-            first = np.minimum((np.maximum(inner, 0.0) / _CELL_M).astype(int), last)
-            least, most, low, high, turned = table[t][:, first, last]
-            aside = self._aside[t]
-            for axis, (way0, way1) in enumerate(ways):
-                ends = _products((least, most), (np.maximum(way0 - turned, -1.0), np.minimum(way1 + turned, 1.0)))
-                total[at, t, 0, axis] += ends[0] - aside
-                total[at, t, 1, axis] += ends[1] + aside
-            total[at, t, 0, 2] += low
-            total[at, t, 1, 2] += high
-
-
-def _outwards(along: tuple[Array, Array], near: Array, far: Array) -> tuple[Array, Array]:
-    """Range of a / |(a, b)| for a in `along` and |b| from `near` to `far`."""
-    low, high = along
-    b0, b1 = np.where(low > 0.0, far, near), np.where(high < 0.0, far, near)
-    tiny = 1e-30
-    return low / np.sqrt(low**2 + b0**2 + tiny), high / np.sqrt(high**2 + b1**2 + tiny)

@@ -24,6 +24,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from crux_planner.certificates.bound import native
 from crux_planner.certificates.bound.excursion import body_range, excursion_cost, quickest_way, range_at, yaw_range
 from crux_planner.certificates.bound.grasps import Grasps, by_faces, grasps
 from crux_planner.certificates.bound.limb_by_limb import LimbByLimb, ascended, size
@@ -31,7 +32,7 @@ from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers, Win
 from crux_planner.certificates.bound.places import orientations
 from crux_planner.certificates.bound.similarity import Similarity
 from crux_planner.certificates.bound.swings import detours, earned, ends, floor, knot_floor, shared_weight
-from crux_planner.certificates.bound.timeline import DynamicProgram, library
+from crux_planner.certificates.bound.timeline import DynamicProgram
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem
 from crux_planner.solvers import clock
@@ -64,7 +65,7 @@ def lower_bound(
     `report` is told each better bound, so that one may stop listening at any time.
     """
     paper = problem.limit_surface == "paper"  # which lets pass what (2) does not
-    if paper or not problem.upright or not problem.closed_form or library() is None:
+    if paper or not problem.upright or not problem.closed_form or native.library() is None:
         return None
     limits = _Limits(clock.now() + time_limit_s, effort)
     problem = replace(problem, boxes=problem.limb_reach.outer, friction_share=1.0)

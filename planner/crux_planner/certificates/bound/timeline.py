@@ -14,69 +14,25 @@ lists the states and takes the steps from knot to knot (planner/native/timeline.
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
-from ctypes import POINTER, c_double, c_int32, c_int64
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
 import numpy as np
 from crux_contracts import N_LIMBS
 
+from crux_planner.certificates.bound import native
 from crux_planner.certificates.bound.grasps import Grasps
 from crux_planner.certificates.bound.swings import quickest_to
 from crux_planner.model.arrays import Array, Indices
-from crux_planner.model.native import doubles, integers, shared_library
+from crux_planner.model.native import doubles, integers
 from crux_planner.model.problem import Problem
 
 Stage = Callable[[int], Array]
 """Cost (n,) of a knot on each node."""
 
-NAME = "libcrux_bound.so"
 _KEPT = 40  # knots between those whose states are remembered, for long walls
 _SUBSETS = np.array([[(mask >> limb) & 1 for limb in range(N_LIMBS)] for mask in range(2**N_LIMBS)], dtype=bool)
 _LARGE = 250_000  # states, about, beyond which faces are merged: it costs a third of the bound
-
-
-class _Options(ctypes.Structure):
-    """crux_timeline_options."""
-
-    _fields_ = [("many", c_int64), ("ages", c_int64), ("least_air", POINTER(c_int64))]
-
-
-class _Limb(ctypes.Structure):
-    """crux_timeline_limb."""
-
-    _fields_ = [
-        ("count", c_int64),
-        *((name, POINTER(c_int32)) for name in ("standing", "lifted", "lands_from", "step", "landings")),
-    ]
-
-
-class _Timeline(ctypes.Structure):
-    """crux_timeline."""
-
-    _fields_ = [
-        *((name, c_int64) for name in ("states", "nodes")),
-        *((name, POINTER(c_int32)) for name in ("younger", "older", "first")),
-        ("change", c_double),
-        ("limbs", _Limb * N_LIMBS),
-    ]
-
-
-@cache
-def library() -> ctypes.CDLL | None:
-    """None where it has not been built."""
-    loaded = shared_library(NAME)
-    if loaded is not None:
-        floats = POINTER(c_double)
-        loaded.crux_timeline_states.restype = None
-        loaded.crux_timeline_states.argtypes = [POINTER(_Options), POINTER(c_int64), POINTER(_Timeline)]
-        loaded.crux_timeline_forward.restype = loaded.crux_timeline_backward.restype = None
-        loaded.crux_timeline_forward.argtypes = [POINTER(_Timeline), *[floats] * 4]
-        loaded.crux_timeline_backward.argtypes = [POINTER(_Timeline), *[floats] * 5]
-    return loaded
 
 
 @dataclass(frozen=True)
@@ -97,9 +53,7 @@ class Timeline:
     """
 
     def __init__(self, options: Indices, least_air: list[Indices], change: float) -> None:
-        compiled = library()
-        assert compiled is not None  # no bound is worked out where it has not been built
-        self._compiled = compiled
+        self._compiled = native.needed()
         many = np.array([len(air) for air in least_air])
         ages = np.array([int(air.max(initial=1)) + 1 for air in least_air])  # told apart in the air
         radix = np.concatenate([np.cumprod((many + 1)[:0:-1])[::-1], [1]]).astype(np.int64)
@@ -114,12 +68,18 @@ class Timeline:
         self._node = np.repeat(np.arange(len(nodes)), sizes)
         self._lists = [np.empty((2, self.states), dtype=np.int32)]
         self._lists += [np.empty((5, int(sizes[~air].sum())), dtype=np.int32) for air in aloft.T]
-        limbs = (_Limb * N_LIMBS)(*(_Limb(0, *map(_integers, own)) for own in self._lists[1:]))
-        both = map(_integers, self._lists[0])
-        self._timeline = _Timeline(self.states, len(nodes), *both, _integers(self._first), change, limbs)
+        limbs = (native.TimelineLimb * N_LIMBS)(
+            *(native.TimelineLimb(0, *map(native.short_integers, own)) for own in self._lists[1:])
+        )
+        both = map(native.short_integers, self._lists[0])
+        self._timeline = native.Timeline(
+            self.states, len(nodes), *both, native.short_integers(self._first), change, limbs
+        )
         airs = [np.ascontiguousarray(air, dtype=np.int64) for air in least_air]
-        given = (_Options(len(air), age, integers(air)) for air, age in zip(airs, ages.tolist(), strict=True))
-        compiled.crux_timeline_states((_Options * N_LIMBS)(*given), integers(nodes), self._timeline)
+        given = (
+            native.TimelineOptions(len(air), age, integers(air)) for air, age in zip(airs, ages.tolist(), strict=True)
+        )
+        self._compiled.crux_timeline_states((native.TimelineOptions * N_LIMBS)(*given), integers(nodes), self._timeline)
         self._table, self._by_state = np.zeros(0), np.zeros(0)  # costs by node, given last, and by state
 
     def forward(self, start: int, ends: Indices, knots: int, stage: Stage) -> Forward:
@@ -170,11 +130,6 @@ class Timeline:
         floats = value, self._costs(by_nodes), spent, after
         self._compiled.crux_timeline_forward(self._timeline, *map(doubles, floats))
         return spent, after
-
-
-def _integers(values: Any) -> Any:
-    """A pointer to a contiguous array of 32-bit integers, which has to be kept."""
-    return ctypes.cast(values.ctypes.data, POINTER(c_int32))
 
 
 class DynamicProgram:

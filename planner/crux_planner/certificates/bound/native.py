@@ -1,0 +1,97 @@
+"""ctypes binding of libcrux_bound.so (planner/native/timeline.h and centre_of_mass.h say more)."""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import POINTER, c_double, c_int32, c_int64
+from functools import cache
+from typing import Any
+
+from crux_contracts import N_LIMBS
+
+from crux_planner.model.native import shared_library
+
+NAME = "libcrux_bound.so"
+
+
+class TimelineOptions(ctypes.Structure):
+    """crux_timeline_options."""
+
+    _fields_ = [("many", c_int64), ("ages", c_int64), ("least_air", POINTER(c_int64))]
+
+
+class TimelineLimb(ctypes.Structure):
+    """crux_timeline_limb."""
+
+    _fields_ = [
+        ("count", c_int64),
+        *((name, POINTER(c_int32)) for name in ("standing", "lifted", "lands_from", "step", "landings")),
+    ]
+
+
+class Timeline(ctypes.Structure):
+    """crux_timeline."""
+
+    _fields_ = [
+        *((name, c_int64) for name in ("states", "nodes")),
+        *((name, POINTER(c_int32)) for name in ("younger", "older", "first")),
+        ("change", c_double),
+        ("limbs", TimelineLimb * N_LIMBS),
+    ]
+
+
+class MassTable(ctypes.Structure):
+    """crux_mass_table."""
+
+    _fields_ = [("cells", c_int64), *((name, POINTER(c_double)) for name in ("ends", "height"))]
+
+
+class MassLimb(ctypes.Structure):
+    """crux_mass_limb."""
+
+    _fields_ = [
+        ("tables", MassTable * 2),
+        ("options", c_int64),
+        *((name, POINTER(c_double)) for name in ("shoulder", "wide", "least", "most")),
+    ]
+
+
+class Masses(ctypes.Structure):
+    """crux_masses."""
+
+    _fields_ = [
+        ("limbs", MassLimb * N_LIMBS),
+        ("tilts", c_int64),
+        *((name, POINTER(c_double)) for name in ("own", "cosine", "sine", "aside")),
+        *((name, c_double) for name in ("cell_m", "shift_m", "mass_kg")),
+    ]
+
+
+@cache
+def library() -> ctypes.CDLL | None:
+    """None where it has not been built."""
+    loaded = shared_library(NAME)
+    if loaded is not None:
+        floats, whole = POINTER(c_double), POINTER(c_int64)
+        taking = {
+            "timeline_states": [POINTER(TimelineOptions), whole, POINTER(Timeline)],
+            "timeline_forward": [POINTER(Timeline), *[floats] * 4],
+            "timeline_backward": [POINTER(Timeline), *[floats] * 5],
+            "mass_bounds": [POINTER(Masses), c_int64, floats, floats, whole, whole, whole, floats],
+        }
+        for name, types in taking.items():
+            function = getattr(loaded, f"crux_{name}")
+            function.restype, function.argtypes = None, types
+    return loaded
+
+
+def needed() -> ctypes.CDLL:
+    """The library: no bound is worked out where it has not been built."""
+    loaded = library()
+    assert loaded is not None
+    return loaded
+
+
+def short_integers(values: Any) -> Any:
+    """A pointer to a contiguous array of 32-bit integers, which has to be kept."""
+    return ctypes.cast(values.ctypes.data, POINTER(c_int32))
