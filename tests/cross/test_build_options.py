@@ -53,6 +53,7 @@ def test_without_options_only_the_programs_are_built(tmp_path: Path) -> None:
         "libcrux_path.so",
         "libcrux_reach.so",
         "libcrux_sim.so",
+        "libcrux_tape.so",
         "libcrux_nodes.so",
     } <= found
     assert not found & {"crux_images", "crux_firmware", "libcrux_emulated.so", "msgs_test", "core_tests"}

@@ -23,6 +23,7 @@ PROGRAMS = (
     "planner/libcrux_chain.so",
     "planner/libcrux_path.so",
     "planner/libcrux_reach.so",
+    "planner/libcrux_tape.so",
 )
 INSTALLED = ("operator.lock", "simulation.lock", "campaign.lock", "development.lock", "uv.lock.txt")
 LOADED = """

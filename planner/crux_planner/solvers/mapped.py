@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Hashable
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from crux_planner.model import kept
 from crux_planner.model.arrays import Array
+from crux_planner.solvers.tape import Tape
 
 _MOST = 40  # functions kept, of a megabyte each
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -27,7 +28,8 @@ class Mapped:
 
     def __init__(self, name: str, arguments: list[Any], outputs: Any) -> None:
         dense = [ca.densify(output) for output in outputs]
-        self._take(ca.Function(name, arguments, dense, {"cse": True}))
+        self.function = ca.Function(name, arguments, dense, {"cse": True})
+        self.tape = Tape.of(self.function)
 
     @classmethod
     def once(cls, given: Hashable, make: Callable[[], Mapped]) -> Mapped:
@@ -43,34 +45,15 @@ class Mapped:
         """What `make` returns, from this computer's cache where it was made before by the same program of the same
         `given`, as its repr has it. Making a function takes five times as long as reading it.
         """
-
-        def written() -> dict[str, Any]:
-            return {"function": np.frombuffer(make().function.serialize().encode("latin-1"), dtype=np.uint8)}
-
         what = ca.CasadiMeta.version(), _source(), given
-        found = kept.arrays((), what, written, below="functions", most=_MOST)["function"]
+        found = kept.arrays((), what, lambda: asdict(make().tape), below="functions", most=_MOST)
         mapped = cls.__new__(cls)
-        mapped._take(ca.Function.deserialize(found.tobytes().decode("latin-1")))
+        mapped.tape = Tape(**found)
         return mapped
-
-    def _take(self, function: ca.Function) -> None:
-        self.function = function
-        self._shapes = [function.size_out(i) for i in range(function.n_out())]
-        self._at: dict[int, tuple[Any, Any]] = {}  # by number of places
 
     def __call__(self, *arguments: Array) -> Any:
         """At every row of the arguments (n, size): outputs (n, rows), or (n, rows, columns) of a matrix."""
-        n = len(arguments[0])
-        if n not in self._at:
-            self._at[n] = self.function.map(n).buffer()
-        buffer, run = self._at[n]
-        given = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
-        found = [np.empty((n, columns, rows)) for rows, columns in self._shapes]
-        for i, argument in enumerate(given):
-            buffer.set_arg(i, argument.data)
-        for i, values in enumerate(found):
-            buffer.set_res(i, values.data)
-        run()
+        found = self.tape(*arguments)
         return tuple(v[:, 0] if v.shape[1] == 1 else v.swapaxes(1, 2) for v in found)
 
 

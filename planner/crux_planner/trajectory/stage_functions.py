@@ -118,7 +118,7 @@ class StageFunctions:
     @property
     def surface_rows(self) -> int:
         """m of `surface`."""
-        return int(self.surface.function.size1_out(0))
+        return int(self.surface.tape.shapes[0, 0])
 
     def step(self, body: Array, totals: Array, hands: Array, multipliers: Array) -> Any:
         """F, dF/dx, dF/dW, d2(lF)/dx2, d2(lF)/dxdW at (n, 12), (n, 6), hands (n, 16 or 24), (n, 12).

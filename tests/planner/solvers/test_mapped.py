@@ -1,4 +1,4 @@
-"""casadi's functions kept on disk: the same numbers, whatever is in the cache."""
+"""casadi's functions run as casadi runs them, and kept on disk: the same numbers, whatever is in the cache."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from crux_planner.model import kept
-from crux_planner.solvers import mapped
+from crux_planner.solvers import mapped, tape
 from crux_planner.solvers.mapped import Mapped
 
 AT = np.random.default_rng(0).normal(size=(7, 3))
@@ -29,6 +29,42 @@ def never() -> Mapped:
 
 def same(one: Mapped, other: Mapped) -> bool:
     return all((a == b).all() for a, b in zip(one(AT), other(AT), strict=True))
+
+
+@pytest.mark.parametrize("built", [True, False])
+@pytest.mark.parametrize("places", [1, 8, 19])
+def test_every_operation_is_as_casadi_has_it(built: bool, places: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert tape.library() is not None
+    if not built:
+        monkeypatch.setattr(tape, "library", lambda: None)
+    x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)
+    far = ca.sqrt(x[0] ** 2 + 1.5) / ca.fabs(y[1])
+    outputs = [
+        ca.vertcat(ca.sin(x[0]), ca.cos(x[1]), ca.atan2(y[0], x[2]), -x[1], 1 / y[0], x[2] + x[2], ca.sign(x[0]), y[1]),
+        ca.horzcat(x * y[0] - far, x / y[1] + far),
+        ca.jacobian(far * ca.sin(x[1]), ca.vertcat(x, y)),
+        ca.SX(2, 1),
+    ]
+    made = Mapped("all", [x, y], outputs)
+    found = {int(operation) for operation in made.tape.code[0]}
+    assert found >= set(range(len(tape._OPERATIONS))) - {tape._NUMBERS[ca.OP_ASSIGN]}
+    random = np.random.default_rng(1)
+    at = random.normal(size=(places, 3)), random.normal(size=(places, 2))
+    each = [made.function(*(argument[i] for argument in at)) for i in range(places)]
+    for k, of_all in enumerate(made(*at)):
+        wanted = np.array([np.array(result[k]) for result in each]).reshape(of_all.shape)
+        if built:
+            np.testing.assert_array_equal(of_all, wanted)
+        else:  # whose sines and roots may round otherwise
+            np.testing.assert_allclose(of_all, wanted, rtol=1e-14)
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"arguments of shapes \[\(7, 2\)\]: expected 7 rows of \[3\]"):
+        make()(AT[:, :2])
+    x = ca.SX.sym("x")
+    with pytest.raises(ValueError, match=r"erf: operation .* of instruction 1: expected one of tape\.h"):
+        Mapped("erf", [x], [ca.erf(x)])
 
 
 def test_a_function_read_again_gives_the_same_bits() -> None:
