@@ -149,6 +149,10 @@ def _torque_map(size: int) -> Mapped:
 
     Torques are A @ (s1, s2, m, F) + b.
     """
+    return Mapped.kept(("torque map", size), lambda: _make_torque_map(size))
+
+
+def _make_torque_map(size: int) -> Mapped:
     given, w = ca.SX.sym("given", size + _GRIP), ca.SX.sym("w", 4)
     ends = [0, *range(size, size + _GRIP + 3, 3)]
     numbers, place, centre, axis, tangent, gravity, up = ca.vertsplit(given, ends)

@@ -18,7 +18,7 @@ from crux_planner.solvers.tape import Tape
 _MOST = 40  # functions kept, of a megabyte each
 _PACKAGE = Path(__file__).resolve().parents[1]
 _MADE: dict[Hashable, Mapped] = {}  # those of `once`
-_MADE_BY = ("model", "physics", "reach", "solvers", "trajectory")  # folders of what functions are made of
+_MADE_BY = ("model", "physics", "reach", "search", "solvers", "trajectory")  # folders of what functions are made of
 
 
 class Mapped:

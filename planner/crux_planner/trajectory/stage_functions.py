@@ -314,6 +314,10 @@ class StageFunctions:
 
 @lru_cache(_GIVEN)
 def _torque_values(given: _TorqueGiven) -> Mapped:
+    return Mapped.kept(("torque values", given), lambda: _make_torque_values(given))
+
+
+def _make_torque_values(given: _TorqueGiven) -> Mapped:
     scale, dt_s, slots, grasp_numbers = given
     chain, seed = Layout(slots).chain, Layout(slots).seed
     count = chain + 2 * seed if slots else NUMBERS
@@ -339,7 +343,7 @@ def _torques(given: _TorqueGiven) -> Mapped:
 
 
 def _make_torques(given: _TorqueGiven) -> Mapped:
-    values = _torque_values(given).function
+    values = _make_torque_values(given).function
     x, q, *_ = arguments = values.sx_in()
     torques = values(*arguments)
     return Mapped("torques", arguments, [torques, ca.jacobian(torques, ca.vertcat(x, q))])
