@@ -205,3 +205,35 @@ def test_a_gap_is_a_share_of_the_cost_or_nothing() -> None:
 def test_the_papers_surface_has_no_bound() -> None:
     problem: Any = replace(scene(20, goal_m=0.0).problem, limit_surface="paper")
     assert lower_bound(problem) is None
+
+
+def test_boxes_hold_every_body_whose_limbs_are_no_longer_than_stretched() -> None:
+    """Bodies of which a limb is stretched, and no ends of boxes that are farther than that from a hold."""
+    problem, random = scene(20).problem, np.random.default_rng(5)
+    problem = replace(problem, boxes=problem.limb_reach.outer)
+    about = orientations(problem, -0.5, 0.5)
+    nodes = grasps(problem, about, np.array([-1.0, -1.0, 0.165]), np.array([1.0, 1.0, 0.21]), by_faces(problem))
+    assert nodes is not None
+    (level,) = np.flatnonzero((about.yaw_low <= 0.0) & (about.yaw_high > 0.0))
+    of_level = np.flatnonzero((nodes.cell == level) & (nodes.in_air[nodes.node] < 3))
+    centres, half = problem.boxes.centre_b_m[:, :2], problem.boxes.half_m[:2]
+    limbs = [masses.limb for masses in problem.limb_masses]
+    shoulders = np.array([limb.shoulder_b_m[:2] for limb in limbs])
+    length = limbs[0].upper_link_m + limbs[0].lower_link_m
+    tried, farthest = 0, 0.0
+    for pair in random.choice(of_level, 4000).tolist():
+        held = nodes.held(int(nodes.node[pair]))
+        on, places = list(held), np.array([problem.contacts[c].centre_h_m[:2] for c in held.values()])
+        low, high = nodes.low[pair, :2], nodes.high[pair, :2]
+        angle, one = random.uniform(0.0, 2 * np.pi), int(random.integers(len(on)))
+        r = places[one] - shoulders[on[one]] - 0.9999 * length * np.array([np.cos(angle), np.sin(angle)])
+        fits = (np.abs(places - r - centres[on]) <= half).all()
+        if fits and (np.linalg.norm(places - r - shoulders[on], axis=1) <= length).all():
+            tried += 1
+            assert (low - about.shift_m[0] <= r).all()
+            assert (r <= high + about.shift_m[0]).all()
+        for at in (low[1], high[1]):
+            x = np.clip(places[-1, 0] - shoulders[on[-1], 0], low[0], high[0])
+            farthest = max(farthest, float(np.linalg.norm(places[-1] - shoulders[on[-1]] - [x, at])))
+    assert tried > 20
+    assert farthest < 1.2 * length

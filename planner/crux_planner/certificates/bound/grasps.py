@@ -6,14 +6,15 @@ does.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from crux_planner.certificates.bound import native
 from crux_planner.certificates.bound.places import Orientations, body_boxes, shoulder_to_wrist, shoulders
 from crux_planner.certificates.bound.swings import distinct, ends
 from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.model.native import doubles, integers
 from crux_planner.model.problem import Problem
 
 _PAIRS = 25  # of a node, where memory allows
@@ -159,20 +160,15 @@ def _stretched(problem: Problem, about: Orientations, nodes: Grasps) -> Grasps:
     least, most = about.shift_m[0], about.shift_m[-1]  # of tilts: what a box may lose, and where bodies may be
     low, high = nodes.low.copy(), nodes.high.copy()
     places = np.stack([contact.centre_h_m[:2] for contact in problem.contacts])
-    limbs = []
+    kept, limbs = [], []
     for limb, groups in enumerate(nodes.groups):
         off, wide = shoulders(problem, about, limb)
         ends = [np.array([pick(places[group], axis=0) for group in groups]) for pick in (np.min, np.max)]
-        at = np.flatnonzero(nodes.options[nodes.node, limb] < len(groups))
-        option, cell = nodes.options[nodes.node[at], limb], nodes.cell[at]
-        far = (shoulder_to_wrist(problem.limb_masses[limb].limb)[1] + wide[cell]) ** 2
-        limbs.append((at, *(end[option] - off[cell] for end in ends), far))
-    for (at, first, last, far), axis in itertools.product(limbs, range(2)):
-        other = 1 - axis
-        beside = np.maximum(low[at, other] - most - last[:, other], first[:, other] - high[at, other] - most)
-        left = far - np.maximum(beside, 0.0) ** 2
-        ahead = np.where(left < 0.0, -np.inf, np.sqrt(np.maximum(left, 0.0)))
-        low[at, axis] = np.maximum(low[at, axis], first[:, axis] - ahead + least)
-        high[at, axis] = np.minimum(high[at, axis], last[:, axis] + ahead - least)
+        kept.append((*ends, off, (shoulder_to_wrist(problem.limb_masses[limb].limb)[1] + wide) ** 2))
+        limbs.append(native.StretchedLimb(len(groups), *map(doubles, kept[-1])))
+    options = np.ascontiguousarray(nodes.options)
+    whole = [integers(each) for each in (nodes.node, nodes.cell, options)]
+    given = float(least), float(most), len(nodes.node), *whole, doubles(low), doubles(high)
+    native.needed().crux_stretched((native.StretchedLimb * 4)(*limbs), *given)
     reached = (low <= high + 2 * np.array([most, most, 0.0])).all(axis=1)
     return replace(nodes, low=low, high=high).reduced(np.logical_or.reduceat(reached, nodes.first), reached)

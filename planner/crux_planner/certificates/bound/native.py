@@ -1,4 +1,4 @@
-"""ctypes binding of libcrux_bound.so (planner/native/timeline.h and centre_of_mass.h say more)."""
+"""ctypes binding of libcrux_bound.so (planner/native/timeline.h, stretched.h and centre_of_mass.h say more)."""
 
 from __future__ import annotations
 
@@ -40,6 +40,15 @@ class Timeline(ctypes.Structure):
     ]
 
 
+class StretchedLimb(ctypes.Structure):
+    """crux_stretched_limb."""
+
+    _fields_ = [
+        ("options", c_int64),
+        *((name, POINTER(c_double)) for name in ("least", "most", "shoulder", "squared_m")),
+    ]
+
+
 class MassTable(ctypes.Structure):
     """crux_mass_table."""
 
@@ -77,6 +86,7 @@ def library() -> ctypes.CDLL | None:
             "timeline_states": [POINTER(TimelineOptions), whole, POINTER(Timeline)],
             "timeline_forward": [POINTER(Timeline), *[floats] * 4],
             "timeline_backward": [POINTER(Timeline), *[floats] * 5],
+            "stretched": [POINTER(StretchedLimb), c_double, c_double, c_int64, whole, whole, whole, floats, floats],
             "mass_bounds": [POINTER(Masses), c_int64, floats, floats, whole, whole, whole, floats],
         }
         for name, types in taking.items():
