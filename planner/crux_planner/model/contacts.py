@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from crux_contracts.gripper_frames import gripper_rotation
@@ -102,9 +103,11 @@ class Contact:
         """The way off the hold, across the opening axis: H's z where the gripper is upright."""
         return self._rotation[:, 2]
 
-    @property
+    @cached_property
     def _rotation(self) -> Array:
-        return gripper_rotation(self.yaw_rad, _NO_TILT if self.tilt_rad is None else self.tilt_rad)
+        rotation = gripper_rotation(self.yaw_rad, _NO_TILT if self.tilt_rad is None else self.tilt_rad)
+        rotation.setflags(write=False)
+        return rotation
 
     @property
     def tilted(self) -> bool:
