@@ -29,7 +29,7 @@ from crux_planner.search.event_cost import Timed
 from crux_planner.search.map_search import Left, MapSearch, Step
 from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about, hulls_of
 from crux_planner.search.pose_path import Ended, clear_path
-from crux_planner.search.schedule import at_knots
+from crux_planner.search.schedule import TURN_SHARE, at_knots
 from crux_planner.search.stances import Oracles
 from crux_planner.search.stood_on import StoodOn
 from crux_planner.search.torque_limits import TorqueLimits
@@ -152,17 +152,21 @@ def _planned(climb: Climb, search: MapSearch, without: set[Left], quick: bool) -
     fine = PoseMasks(problem, session.robot, grid, PATH_RAD, OFF_M)
     planner = _ByMap(climb, search, fine)
     (looks, ways), refused = QUICK if quick else (LOOKS, WAYS), Counter[tuple[Stance, int]]()
+    stood = False  # all the time, in vain
     for _ in range(ways):
         with climb.work.part("map", 0.2):
-            way = search.find(without, looks, session.deadline)
+            way = search.find(without, looks, session.deadline, moves=stood)
         if way is None:
             return
         found = planner.plan(way)
         yield found if isinstance(found, PlanResult) else None
         if session.late:
             climb.work.cut_short = True
-        if isinstance(found, PlanResult) or session.late or not way:
+        if isinstance(found, PlanResult) or session.late:
             return
+        if not way:
+            stood = True
+            continue
         without |= _turned(problem, way[found]) if planner.by_places else {way[found]}
         refused[way[found][:2]] += bool(planner.by_places)
         if refused[way[found][:2]] == MOST_LANDINGS:
@@ -216,8 +220,10 @@ class _ByMap:
         """Swings at their quickest; the stances share some knots to spare, more each time, or all that there are."""
         swings = self.climb.oracles.swings
         quickest = np.array([swings.intervals(m.before[i], m.after[i]) for m in moves for i in m.limbs], dtype=int)
-        away_m = np.abs(self.problem.goal.body.position_m - self.problem.start.position_m).max()
-        travel = int(np.ceil(away_m / (SPEED_SHARE * self.problem.body.max_speed_m_s * self.problem.dt_s)))
+        start, goal, body = self.problem.start, self.problem.goal.body, self.problem.body
+        away_m, turn_rad = np.abs(goal.position_m - start.position_m), np.abs(goal.rpy_rad - start.rpy_rad)
+        rates = SPEED_SHARE * body.max_speed_m_s, TURN_SHARE * body.max_rate_rad_s
+        travel = int(np.ceil(max(away_m.max() / rates[0], turn_rad.max() / rates[1]) / self.problem.dt_s))
         least, most = max(int(quickest.sum()) + len(moves), travel) + 2, self.problem.steps
         keeps = self.climb.session.scenario.planner.idle == "keep"
         wanted = {most} if keeps else {min(most, least + (len(moves) + 1) * spare) for spare in SPARE_KNOTS}

@@ -84,8 +84,10 @@ class MapSearch:
         held = self.masks.held
         return [[c for c in own if held(limb, self.masks.at(c)).any()] for limb, own in enumerate(self._mine)]
 
-    def find(self, without: Collection[Left], most: int, deadline: float) -> list[Step] | None:
-        """Moves to the goal, none of `without` among them; None where `most` looks at moves, or the time, find none."""
+    def find(self, without: Collection[Left], most: int, deadline: float, moves: bool = False) -> list[Step] | None:
+        """Moves to the goal, none of `without` among them, and with `moves` one at least; None where `most` looks at
+        moves, or the time, find none.
+        """
         start, count = self.problem.start_contacts, itertools.count()
         if not len(self.goals):
             return None
@@ -122,7 +124,7 @@ class MapSearch:
             if each in done:
                 continue
             done.add(each)
-            if self._ends(each):
+            if self._ends(each) and (each in parent or not moves):
                 return _trace(parent, each)
             for swing in self._swings(each):
                 least = self._least[swing.before[0][swing.limb], swing.end] + STANCE_KNOTS + MOVE_COST + _strain(swing)

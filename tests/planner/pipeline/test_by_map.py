@@ -129,6 +129,15 @@ def test_a_body_whose_way_ends_without_a_move_is_given_more_time(robot: Robot) -
     assert unproven(parse_scenario(random_field(558)), robot, time_limit_s=60.0).check.ok
 
 
+def test_a_body_turns_where_it_stands(robot: Robot) -> None:
+    """By 20°, which takes more knots than to go nowhere."""
+    wall = two_rows(all_limbs=False)
+    wall["goal"] = {"body": {"position_m": wall["start"]["body"]["position_m"], "rpy_deg": [0.0, 0.0, 20.0]}}
+    result = unproven(scenario(wall), robot, time_limit_s=60.0)
+    assert result.check.ok
+    assert result.gait == []
+
+
 @pytest.mark.sweep
 @pytest.mark.parametrize("seed", [403, 404, 407, 409, 411, 418])
 def test_a_field_is_climbed_with_grips_beyond_the_convex_reach(robot: Robot, seed: int) -> None:
@@ -157,7 +166,7 @@ def test_moves_are_tried_in_a_horizon_that_hardly_takes_them(robot: Robot) -> No
     start, end = given.start_contacts, next(c for c in given.limb_contacts[0] if given.contacts[c].hold == 4)
     moves = [Move(start, stance_after(start, (0,), (end,)), (0,), *[given.start.position_m] * 2)]
     swings = SwingCache(given)
-    away = SimpleNamespace(position_m=given.start.position_m)
+    away = SimpleNamespace(position_m=given.start.position_m, rpy_rad=given.start.rpy_rad)
 
     def tried(steps: int) -> list[int]:
         problem = SimpleNamespace(start=given.start, goal=SimpleNamespace(body=away), body=given.body, dt_s=given.dt_s)
