@@ -28,7 +28,7 @@ from crux_planner.model.contacts import (
     yaws_in_range,
 )
 from crux_planner.model.cuboids import Cuboids, cuboids_of
-from crux_planner.model.faces import Faces, faces_of, too_steep
+from crux_planner.model.faces import Faces, faces_of, smooth_faces
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, composite_inertia
@@ -36,7 +36,7 @@ from crux_planner.model.poses import body_and_ends, posture, weights_of, within_
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem
 from crux_planner.model.shapes import limb_radii_m
 from crux_planner.model.surfaces import Surfaces
-from crux_planner.model.unusable import WALL_CLEARANCE_M, height_text, narrow_text, width_text
+from crux_planner.model.unusable import WALL_CLEARANCE_M, faces_text, height_text, narrow_text
 from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leaning_m, limb_reach, tilt_for
 
 MOST_CUBOIDS, MOST_WAY_M = 300, 40.0  # holds, and as many obstacles, and way that are planned at once
@@ -230,19 +230,10 @@ def _contacts(
             if faces is None:
                 unusable[index, pair] = height_text(hold.size_m[2], robot, contact.patch_radius_m, palm)
                 continue
+            if (reason := faces_text(hold, pair, faces, shape, contact.patch_radius_m)) is not None:
+                unusable[index, pair] = reason
+                continue
             half, height = faces.half_m, faces.height_m
-            if faces.width_m < 2 * contact.patch_radius_m:
-                unusable[index, pair] = f"its faces are narrower than the patch, {2 * contact.patch_radius_m:g} m"
-                continue
-            if width := width_text(half, shape):
-                unusable[index, pair] = width
-                continue
-            if (steep := too_steep(hold, pair)) is not None:
-                unusable[index, pair] = steep
-                continue
-            if smooth := smooth_faces(hold, pair):
-                unusable[index, pair] = f"face {smooth[0]} has friction 0, both faces of a grasp need more"
-                continue
             yaw_rad, tilt_rad = cuboids.yaw_and_tilt(index)
             normal = yaw_rad + pair * np.pi / 2
             turn = gripper_rotation(normal, tilt_rad)
@@ -309,14 +300,6 @@ def _contact(
         open_m=opening,
         lean_rad=np.array([hold.lean_rad[face] for face in faces]),
     )
-
-
-def smooth_faces(hold: Hold, pair: int) -> list[str]:
-    """The faces of a pair that have no friction, so that it cannot be gripped.
-
-    Spines alone do not make a grasp: the runtime squeezes until friction bears the load, without them.
-    """
-    return [FACE_NAMES[face] for face in faces_of(pair) if hold.friction[face] <= 0.0]
 
 
 def _spines(scenario: Scenario, hold: Hold, face: int) -> Array:

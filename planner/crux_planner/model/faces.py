@@ -17,6 +17,14 @@ def faces_of(pair: int) -> list[int]:
     return [2 * pair, 2 * pair + 1]
 
 
+def smooth_faces(hold: Hold, pair: int) -> list[str]:
+    """The faces of a pair that have no friction, so that it cannot be gripped.
+
+    Spines alone do not make a grasp: the runtime squeezes until friction bears the load, without them.
+    """
+    return [FACE_NAMES[face] for face in faces_of(pair) if hold.friction[face] <= 0.0]
+
+
 @dataclass(frozen=True)
 class Faces:
     """A pair of faces where the pads of a gripper meet them, their middles `height_m` over the wall."""

@@ -4,8 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 from crux_contracts.robot import Robot
+from crux_contracts.scenario import Hold
 
 from crux_planner.model.contacts import GripperShape
+from crux_planner.model.faces import Faces, smooth_faces, too_steep
 
 WALL_CLEARANCE_M = 0.003  # of pads to the wall where a hold is turned out of its plane, and to bounded surfaces
 
@@ -18,13 +20,18 @@ def height_text(height_m: float, robot: Robot, patch_radius_m: float, palm_above
     return f"it is {height_m:g} m high, {limit} that the gripper's pads and palm need"
 
 
-def width_text(half_m: float, shape: GripperShape) -> str:
-    """Why the gripper does not span faces so far from the middle; empty where it does."""
-    most_m = shape.largest_opening - shape.pad_radius
-    if shape.smallest_opening <= half_m and half_m + shape.pad_radius <= shape.largest_opening:
-        return ""
-    spans = f"{2 * shape.smallest_opening:g}..{2 * most_m:g} m"
-    return f"it is {2 * half_m:g} m wide, the gripper takes {spans}"
+def faces_text(hold: Hold, pair: int, faces: Faces, shape: GripperShape, patch_radius_m: float) -> str | None:
+    """Why a gripper cannot hold on to a pair of faces, whatever stands around; None where it can."""
+    if faces.width_m < 2 * patch_radius_m:
+        return f"its faces are narrower than the patch, {2 * patch_radius_m:g} m"
+    if faces.half_m < shape.smallest_opening or faces.half_m + shape.pad_radius > shape.largest_opening:
+        spans = f"{2 * shape.smallest_opening:g}..{2 * (shape.largest_opening - shape.pad_radius):g} m"
+        return f"it is {2 * faces.half_m:g} m wide, the gripper takes {spans}"
+    if (steep := too_steep(hold, pair)) is not None:
+        return steep
+    if smooth := smooth_faces(hold, pair):
+        return f"face {smooth[0]} has friction 0, both faces of a grasp need more"
+    return None
 
 
 def narrow_text(opens: Callable[[float], float | None], nearest: tuple[float, str], needed_m: float) -> str:
