@@ -17,6 +17,7 @@ from crux_planner.physics.cost import schedule_cost
 from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step
 from crux_planner.solvers.ipopt import Nlp
 from crux_planner.solvers.mapped import Mapped
+from crux_planner.trajectory import stage_functions
 from crux_planner.trajectory.exact import columns_of
 from crux_planner.trajectory.solution import Place, Start
 from crux_planner.trajectory.stage_functions import COLUMN, SPINE_WEIGHT, StageFunctions
@@ -57,7 +58,8 @@ class _Equations(NamedTuple):
         centre = centre_of_mass(functions.problem, x, ca.vertsplit(hands, 4))
         after = euler_step(x, total[0:3], total[3:6], centre, functions.problem)
         f = functions
-        others = (f.reach, f.surface, f.torque_values, f.body_cost, f.column_cost)
+        torques = stage_functions._make_torque_values(f._torque_given)  # what is kept on disk has no symbols
+        others = (f.reach, f.surface, torques, f.body_cost, f.column_cost)
         return cls(ca.Function("step", [x, total, hands], [after]), *map(_equation, others))
 
 

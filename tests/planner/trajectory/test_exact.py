@@ -138,8 +138,7 @@ def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest
 
     monkeypatch.setattr(stage_functions, "centre_of_mass", straight)
     monkeypatch.setattr(dynamics, "euler_rates", lambda _theta, omega: omega)  # so is that of the next pose in torques
-    values = cache(stage_functions._torque_values.__wrapped__)  # made anew, of that pose
-    monkeypatch.setattr(stage_functions, "_torque_values", values)
+    monkeypatch.setattr(stage_functions, "_torque_values", cache(stage_functions._make_torque_values))  # of that pose
     monkeypatch.setattr(stage_functions, "_torques", cache(stage_functions._make_torques))
     monkeypatch.setattr(StageFunctions, "_step", property(StageFunctions._make_step))
     stages, _ = stages_at_random(3)
