@@ -1,23 +1,26 @@
-"""Walls of two planes: what stands on the other one is no hold of the first; what stands out of that is in the way."""
+"""Walls of two planes: where the planes are, and what stands on each of them and across their edge."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 import yaml
 from crux_contracts.robot import load_robot
-from crux_simulation.wall.boxes import boxes
-from crux_simulation.wall.frame import Placed, placed
+from crux_contracts.scenario import ScenarioError, load_scenario
+from crux_simulation.wall.boxes import Box, apart, boxes
+from crux_simulation.wall.frame import CLIMBED, Frame, Placed, placed, rpy_rad
+from crux_simulation.wall.parts import Bounded, Part, bounded, parts
 from crux_simulation.wall.places import Places, bodies
-from crux_simulation.wall.planes import Elsewhere, elsewhere, planes
+from crux_simulation.wall.planes import planes
 from crux_simulation.wall.stances import Stance, ends
 from crux_simulation.wall.surface import Surface
 from crux_tools.cli import main
+from scipy.spatial.transform import Rotation
 
 WIDE_M = 0.7
 EDGE_M = 0.25  # where the second plane begins
@@ -51,85 +54,145 @@ def second(degrees: float) -> np.ndarray:
     return frame
 
 
-def bent(degrees: float, extra: trimesh.Trimesh | None = None) -> trimesh.Trimesh:
-    """Two planes at an angle, positive where the wall is hollow, with two holds on each."""
+def bent(degrees: float, extra: trimesh.Trimesh | None = None, holds: int = 2) -> trimesh.Trimesh:
+    """Two planes at an angle, positive where the wall is hollow, with so many holds on each."""
     frame = second(degrees)
     end = frame @ [0.45, 0.0, 0.0, 1.0]
     sheet = folded([(-0.45, 0.0), (EDGE_M, 0.0), (end[0], end[2])])
-    holds = [standing(np.eye(4), *place) for place in CLIMBED_M] + [standing(frame, *place) for place in OTHER_M]
-    return trimesh.util.concatenate([sheet, *holds, *([] if extra is None else [extra])])
+    solids = [standing(np.eye(4), *place) for place in CLIMBED_M[:holds]]
+    solids += [standing(frame, *place) for place in OTHER_M[:holds]]
+    return trimesh.util.concatenate([sheet, *solids, *([] if extra is None else [extra])])
 
 
-def looked_at(mesh: trimesh.Trimesh) -> tuple[Placed, int, list[Elsewhere]]:
-    """The wall in its frame, how many bodies stand on the plane that is climbed, and the others."""
+def looked_at(mesh: trimesh.Trimesh) -> tuple[Placed, list[Part], list[Bounded]]:
+    """The wall in its frame, what stands on its planes, and those of them that have edges."""
     surface = Surface(np.array(mesh.vertices), np.array(mesh.faces, np.int64))
     wall = placed(surface, np.array([0.0, 0.0, 1.0]), None, 90.0)
     samples = wall.surface.samples
     on = planes(samples)
     of = bodies(wall.surface, on)
-    return wall, len(np.unique(of[(of >= 0) & (on.of == 0)])), elsewhere(samples, on, of)
+    return wall, parts(samples, on, of), bounded(wall.surface, on, of)
+
+
+def count(part: Part) -> int:
+    return len(np.unique(part.body[part.body >= 0]))
 
 
 @pytest.mark.parametrize("degrees", [15.0, 90.0, 130.0, -60.0])
-def test_bodies_on_another_plane_say_how_it_lies(degrees: float) -> None:
-    wall, climbed, others = looked_at(bent(degrees))
-    assert climbed == len(CLIMBED_M)
-    assert {body.reason for body in others} == {f"is on another plane, turned by {-degrees:.0f}° about y"}
-    assert len(others) == len(OTHER_M)
+def test_the_bodies_of_a_plane_are_looked_at_in_its_frame(degrees: float) -> None:
+    wall, (climbed, other), _ = looked_at(bent(degrees))
+    assert (climbed.frame, count(climbed), climbed.reason) == (CLIMBED, len(CLIMBED_M), "")
+    assert count(other) == len(OTHER_M)
+    assert other.frame.rotation[2] == pytest.approx(second(degrees)[:3, 2], abs=2e-3)
+    why = f"is on another plane, turned by {-degrees:.0f}° about y: holds are turned by at most 90°"
+    assert other.reason == (why if degrees > 90.0 else "")
+    points = other.frame.seen(wall.surface.samples.points[other.body >= 0])
+    assert points[:, 2].max() == pytest.approx(0.06, abs=2e-3)
     for x, y in OTHER_M:
-        middle = wall.offset + (second(degrees) @ [x, y, 0.035, 1.0])[:3]  # of what stands off its plane
-        assert min(float(np.linalg.norm(body.position_m - middle)) for body in others) < 0.01
+        at = other.frame.seen((wall.offset + (second(degrees) @ [x, y, 0.06, 1.0])[:3])[None])
+        assert at[0, 2] == pytest.approx(0.06, abs=2e-3)
+        assert (np.linalg.norm(points - at, axis=1) < 0.01).any()
 
 
 @pytest.mark.parametrize("degrees", [50.0, -50.0])
-def test_a_body_on_both_planes_is_one(degrees: float) -> None:
+def test_a_body_on_both_planes_is_looked_at_from_between_them(degrees: float) -> None:
     middle = second(degrees / 2.0)
-    _, climbed, others = looked_at(bent(degrees, standing(middle, 0.0, 0.1)))
-    assert climbed == len(CLIMBED_M) + 1
-    reasons = sorted(body.reason for body in others)
-    assert reasons == [f"is on another plane, turned by {-degrees:.0f}° about y"] * 2 + ["lies across two planes"]
+    wall, found, _ = looked_at(bent(degrees, standing(middle, 0.0, 0.1)))
+    assert [count(part) for part in found] == [len(CLIMBED_M), len(OTHER_M), 1]
+    frame = found[2].frame
+    assert frame.rotation[2] == pytest.approx(middle[:3, 2], abs=2e-3)
+    assert frame.origin_m == pytest.approx(wall.offset + np.array([EDGE_M, 0.1, 0.0]), abs=3e-3)
 
 
 def test_a_panel_that_stands_out_is_a_plane_of_its_own() -> None:
     frame = trimesh.transformations.translation_matrix([EDGE_M, 0.0, 0.08])
     sheet = folded([(-0.45, 0.0), (EDGE_M, 0.0), (EDGE_M, 0.08), (0.65, 0.08)])
     holds = [standing(np.eye(4), *place) for place in CLIMBED_M] + [standing(frame, *OTHER_M[1])]
-    _, _, others = looked_at(trimesh.util.concatenate([sheet, *holds]))
-    assert [body.reason for body in others] == ["is on another plane, 0.08 m off the one that is climbed"]
+    wall, (_, other), (panel,) = looked_at(trimesh.util.concatenate([sheet, *holds]))
+    assert count(other) == 1
+    assert panel.name == "plane-2"
+    assert panel.frame.rotation == pytest.approx(np.eye(3), abs=5e-3)
+    assert panel.frame.origin_m == pytest.approx(wall.offset + np.array([0.45, 0.0, 0.08]), abs=6e-3)
+    assert panel.size_m == pytest.approx([0.4, WIDE_M], abs=0.01)
 
 
 def test_a_large_hold_and_the_back_of_a_panel_are_no_planes() -> None:
     slab = trimesh.creation.box((0.8, WIDE_M, 0.1), trimesh.transformations.translation_matrix([0, 0, -0.05]))
     volume = trimesh.creation.box((0.24, 0.24, 0.2), trimesh.transformations.translation_matrix([0, 0, 0.09]))
-    _, climbed, others = looked_at(trimesh.util.concatenate([slab, volume]))
-    assert (climbed, others) == (1, [])
+    _, (climbed,), others = looked_at(trimesh.util.concatenate([slab, volume]))
+    assert (count(climbed), others) == (1, [])
 
 
-def test_the_scenario_has_the_climbed_planes_holds_and_the_rest_in_the_way(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("degrees", [60.0, -60.0])
+def test_the_scenario_has_the_holds_of_both_planes_and_of_the_edge(
+    degrees: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Where the second plane falls behind the first, that ends at the edge, too."""
     scan, wall = tmp_path / "scan.ply", tmp_path / "wall.yaml"
-    bent(60.0).apply_transform(TURN).export(scan)
+    between, other = second(degrees / 2.0), second(degrees)
+    astride = standing(between, 0.0, 0.05) if degrees < 0.0 else None
+    bent(degrees, astride, holds=1).apply_transform(TURN).export(scan)
     frame = [f"{value:.9f}" for value in (*OUT, *-UP)]
     assert main(["wall", "import", str(scan), "-o", str(wall), "--outward", *frame[:3], "--down", *frame[3:], "--json"])
-    told = capsys.readouterr()
-    said: dict[str, Any] = json.loads(told.out)
-    assert "2 not: is on another plane, turned by -60° about y" in told.err
-    assert [body["reason"] for body in said["elsewhere"]] == ["is on another plane, turned by -60° about y"] * 2
+    offset = np.array(json.loads(capsys.readouterr().out)["offset_m"])
     document = yaml.safe_load(wall.read_text(encoding="utf-8"))
-    assert len(document["holds"]) == len(CLIMBED_M)
-    offset = np.array(said["offset_m"])
-    for x in np.arange(0.05, 0.45, 0.04):  # the second plane is in the way, and little beside it
-        for off_m, covered in ((0.0, True), (0.12, False)):
-            place = (second(60.0) @ [x, 0.0, off_m, 1.0])[:3] + offset
-            assert any(over(each, place) for each in document["obstacles"]) is covered, (x, off_m)
+    with pytest.raises(ScenarioError, match=r"(?s)^\S*: start: is missing\n\S*: goal: is missing$"):
+        load_scenario(wall)
+    true = [(np.eye(4), *CLIMBED_M[0]), (other, *OTHER_M[0])] + ([(between, 0.0, 0.05)] if astride else [])
+    assert len(document["holds"]) == len(true)
+    for plane, x, y in true:
+        foot = offset + (plane @ [x, y, 0.0, 1.0])[:3]
+        poses = (each["pose"] for each in document["holds"])
+        nearest = min(poses, key=lambda each: float(np.linalg.norm(foot - each["position_m"])))
+        assert nearest["position_m"] == pytest.approx(foot, abs=2e-3)
+        turn = plane[:3, :3].T @ Rotation.from_euler("xyz", nearest["rpy_deg"], degrees=True).as_matrix()
+        assert turn[2] == pytest.approx([0.0, 0.0, 1.0], abs=5e-3)
+        assert np.abs(turn[:2, :2]).max(axis=0) == pytest.approx([1.0, 1.0], abs=5e-3)  # square to the block
+    assert all(each["shape"]["box_m"] == pytest.approx([0.06] * 3, abs=1.5e-3) for each in document["holds"])
+    sheets = {"plane-2": (other @ [0.225, 0.0, 0.0, 1.0], [0.45, WIDE_M])}
+    if degrees < 0.0:
+        sheets["wall"] = (np.array([(EDGE_M - 0.45) / 2.0, 0.0, 0.0, 1.0]), [EDGE_M + 0.45, WIDE_M])
+    else:
+        assert document["surfaces"].pop(0)["plane"] == {"point_m": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
+    assert {each["name"] for each in document["surfaces"]} == set(sheets)
+    for each in document["surfaces"]:
+        middle, size = sheets[each["name"]]
+        assert each["rectangle"]["pose"]["position_m"] == pytest.approx(offset + middle[:3], abs=8e-3)
+        assert each["rectangle"]["size_m"] == pytest.approx(size, abs=0.015)
+        assert each["rectangle"]["depth_m"] == 0.05
 
 
-def over(cuboid: dict[str, Any], place: np.ndarray) -> bool:
-    yaw, off = np.radians(cuboid["yaw_deg"]), place[:2] - cuboid["position_m"]
-    x, y = off @ [np.cos(yaw), np.sin(yaw)], off @ [-np.sin(yaw), np.cos(yaw)]
-    size = cuboid["size_m"]
-    return bool(max(abs(x) - size[0] / 2.0, abs(y) - size[1] / 2.0) < 0.006 and place[2] < size[2] + 0.006)
+@pytest.mark.parametrize("pitch", [0.4, -np.pi / 2, np.pi / 2])
+def test_a_rotation_is_that_of_its_roll_pitch_and_yaw(pitch: float) -> None:
+    rotation = Rotation.from_euler("ZYX", [-2.1, pitch, 0.7]).as_matrix()
+    assert Rotation.from_euler("xyz", rpy_rad(rotation)).as_matrix() == pytest.approx(rotation, abs=1e-9)
+
+
+def test_boxes_of_two_planes_stand_apart() -> None:
+    """A hold of one plane stays, an obstacle of another is what of it is not in that hold, a second hold is none."""
+    side = Frame.on(np.array([-1.0, 0.0, 0.0]), np.array([0.1, 0.0, 0.0]))  # over x = 0.1 of W, facing down
+    hold = Box("hold-1", np.array([0.05, 0.0]), np.array([0.06, 0.06, 0.05]), 0.3, (True, True), (0.0, 0.0), "")
+    sill = Box("body-2", np.zeros(2), np.array([0.4, 0.05, 0.06]), 1.2, (False, False), (0.0, 0.0), "rough", frame=side)
+    second = replace(hold, name="hold-3", position_m=np.array([0.0, 0.03]), frame=side)
+    kept = apart([sill, hold, second])
+    assert (kept[0], kept[0].is_hold, [box.is_hold for box in kept[1:]]) == (hold, True, [False] * (len(kept) - 1))
+    assert len({box.name for box in kept}) == len(kept) > 3
+    assert {box.reason for box in kept if box.name.startswith("body-3")} == {
+        "its cuboid would stand in that of another hold"
+    }
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (4000, 3)) * sill.size_m + [0.0, 0.0, 0.03]
+    points = sill.foot_m + points @ sill.rotation.T
+    in_hold = inside(hold, points, 0.0)
+    in_pieces = np.any([inside(box, points, 0.0) for box in kept if box.name.startswith("body-2")], axis=0)
+    assert in_hold.any()
+    assert not (in_hold & in_pieces).any()
+    assert in_pieces[~inside(hold, points, 0.03)].all()
+
+
+def inside(box: Box, points: np.ndarray, more_m: float) -> np.ndarray:
+    """Which points are in a cuboid that is so much larger on all sides."""
+    off = np.abs((points - box.foot_m) @ box.rotation - [0.0, 0.0, box.size_m[2] / 2.0])
+    return np.asarray((off < box.size_m / 2.0 + more_m).all(axis=1))
 
 
 def test_a_vertical_plane_is_a_thin_obstacle() -> None:

@@ -13,6 +13,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario_checks import Footprint, overlap_m
 from crux_contracts.yaml_document import Node
 
+from crux_simulation.wall.frame import CLIMBED, Frame, rpy_rad
 from crux_simulation.wall.places import REASONS, TAKEN, Flags, Indices, Places, lean_m
 from crux_simulation.wall.surface import Array, Surface
 
@@ -26,14 +27,15 @@ STEEP = "its faces lean so much that its top is too small, or too low for the pa
 LEAST_M, LEAST_POINTS = 0.012, 4  # of obstacles, smaller ones are specks
 ON_A_LINE = 1e-6  # of points' length, as far as they lie beside a line
 BEYOND_M = 0.008  # what reaches so far out of a hold's cuboid, at the pads' height or over it, is an obstacle
+IN_ANOTHER = "its cuboid would stand in that of another hold"
 CUBOID = "its grips are of no cuboid: the pads' height in a plan is not where they are"
 
 
 @dataclass(frozen=True)
 class Box:
-    """A cuboid on the wall: middle of its foot (2,), sizes (3,) [m], yaw. `faces` says which pairs can be gripped,
-    `tilt_rad` how far the worse face of each is off the gripper's axis. `lean_rad` is how much the side faces lean in
-    (+x, -x, +y, -y), `aside_rad` what the worse face of each pair is off the axis besides.
+    """A cuboid on a plane of the wall, in its frame: middle of its foot (2,), sizes (3,) [m], yaw. `faces` says which
+    pairs can be gripped, `tilt_rad` how far the worse face of each is off the gripper's axis. `lean_rad` is how much
+    the side faces lean in (+x, -x, +y, -y), `aside_rad` what the worse face of each pair is off the axis besides.
     """
 
     name: str
@@ -45,10 +47,27 @@ class Box:
     reason: str  # why it cannot be gripped
     lean_rad: tuple[float, float, float, float] = (0.0,) * 4
     aside_rad: tuple[float, float] | None = None  # as `tilt_rad`, where no face leans
+    frame: Frame = CLIMBED
 
     @property
     def is_hold(self) -> bool:
         return any(self.faces)
+
+    @property
+    def foot_m(self) -> Array:
+        """(3,) the middle of its foot in W [m]."""
+        return self.frame.in_w(np.array([*self.position_m, 0.0]))
+
+    @property
+    def rotation(self) -> Array:
+        """(3, 3) of the cuboid in W."""
+        c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        return np.asarray(self.frame.rotation.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+
+    @property
+    def rpy_rad(self) -> Array:
+        """(3,) roll, pitch and yaw of the cuboid in W."""
+        return np.array([0.0, 0.0, self.yaw_rad]) if self.frame is CLIMBED else rpy_rad(self.rotation)
 
 
 def boxes(
@@ -75,7 +94,7 @@ def boxes(
         if other is None:
             found.append(hold)
         else:
-            why[body] = "its cuboid would stand in that of another hold"
+            why[body] = IN_ANOTHER
     holds = {hold.name: hold for hold in found}
     lanes = [lane for hold in found for lane in _lanes(hold, robot)]
     for body in range(len(reason)):
@@ -148,6 +167,54 @@ def _overlap(a: Box, b: Box) -> bool:
         for box, (x, y) in ((a, a.position_m), (b, b.position_m))
     )
     return overlap_m(one, other) > -APART_M
+
+
+def apart(found: list[Box]) -> list[Box]:
+    """Boxes of several planes that stand apart in W, too: holds first, and of the others what is not in what was kept
+    before, but for specks.
+    """
+    kept: list[Box] = []
+    rest = [box for box in found if not box.is_hold]
+    for box in (each for each in found if each.is_hold):
+        if any(_overlap_in_w(box, each) for each in kept):
+            rest.append(replace(box, name=box.name.replace("hold", "body"), faces=(False, False), reason=IN_ANOTHER))
+        else:
+            kept.append(box)
+    for box in rest:
+        pieces = _pieces(box, [each for each in kept if _overlap_in_w(box, each)])
+        names = [box.name, *(f"{box.name}-piece-{i + 2}" for i in range(len(pieces)))]
+        kept += [replace(piece, name=name) for name, piece in zip(names, pieces, strict=False)]
+    return kept
+
+
+def _pieces(box: Box, met: list[Box]) -> list[Box]:
+    """A cuboid, or its halves and theirs, as far as none is in one of `met`."""
+    if not met:
+        return [box]
+    axis = int(box.size_m[:2].argmax())
+    size = box.size_m * np.where(np.arange(3) == axis, 0.5, 1.0)
+    if size[axis] < LEAST_M:
+        return []
+    found = []
+    for side in (-0.5, 0.5):
+        off = (
+            side
+            * size[axis]
+            * np.array([[np.cos(box.yaw_rad), np.sin(box.yaw_rad)], [-np.sin(box.yaw_rad), np.cos(box.yaw_rad)]])[axis]
+        )
+        half = replace(box, position_m=box.position_m + off, size_m=size)
+        found += _pieces(half, [each for each in met if _overlap_in_w(half, each)])
+    return found
+
+
+def _overlap_in_w(a: Box, b: Box) -> bool:
+    return a.frame is not b.frame and overlap_m(_footprint(a), _footprint(b)) > 0.0
+
+
+def _footprint(box: Box) -> Footprint:
+    (x, y, z), (roll, pitch, yaw) = box.foot_m, box.rpy_rad
+    half = box.size_m / 2.0
+    return Footprint(box.name, Node("", box.name, 0), x, y, half[0], half[1], yaw, box.size_m[2], (roll, pitch), z)
 
 
 def _hold(name: str, points: Array, places: Places, robot: Robot) -> Box | str:

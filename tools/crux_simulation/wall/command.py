@@ -31,16 +31,18 @@ def add_import(actions: Any) -> None:
         **taught(
             "Makes a scenario of a mesh (STL, OBJ, PLY, glTF, OFF), a cloud of points at most 8 mm apart (PLY, PCD, "
             "XYZ, npz with xyz_m), or a height map (npy, npz, PNG, TIFF, GeoTIFF; rows are y, columns x). The plane "
-            "that most of it lies in becomes the wall; bodies on other planes are left out, and what of them stands "
-            "out of it becomes obstacles. Every body that stands on it "
-            "becomes a hold where the robot's gripper can take it upright: two patches that are opposite, flat, "
-            "and within its opening, with space for fingers and palm. All others become obstacles, with the "
-            "reason. Of a board's table (CSV with the columns name, x_m up, y_m left, yaw_deg, size_x_m, "
-            "size_y_m, size_z_m; the last four may be left out) every row is a hold. Holds are cuboids, in the "
-            "plan as in the simulation; faces that lean have less friction. Start and goal are a low and a high "
-            "place at which a level body has four holds in reach. Exit status: 0 the scenario is complete, 1 it "
-            "is written, but there is no such place, 2 the scan or the usage is wrong.",
+            "that most of it lies in becomes z = 0. Where it has several, all become surfaces that end where their "
+            "points do; that at z = 0 is endless unless others go behind it. Every body that stands on a plane, or "
+            "across the edge of two, becomes a hold where the robot's gripper can take it along the normal: two "
+            "patches that are opposite, flat, and within its opening, with space for fingers and palm. All others "
+            "become obstacles, with the reason. Of a board's table (CSV with the columns name, x_m up, y_m left, "
+            "yaw_deg, size_x_m, size_y_m, size_z_m; the last four may be left out) every row is a hold. Holds are "
+            "cuboids, in the plan as in the simulation; faces that lean have less friction, and only those of holds "
+            "on z = 0 lean in the scenario, too. Start and goal are a low and a high place at which a level body has "
+            "four holds in reach. Exit status: 0 the scenario is complete, 1 it is written, but there is no such "
+            "place, 2 the scan or the usage is wrong.",
             "crux wall import scan.ply -o wall.yaml --down 0 0 -1 --picture wall.png",
+            "crux wall import corner.ply -o wall.yaml --down 0 0 -1 --outward 1 0 0",
             "crux wall import heights.npz -o wall.yaml --slope 90 --tilt 35",
             "crux wall import board.csv -o wall.yaml --slope 130",
         ),
@@ -78,6 +80,7 @@ def _import(options: argparse.Namespace) -> int:
     from crux_tools.output import note, print_json
 
     from crux_simulation.wall.imported import Options, imported
+    from crux_simulation.wall.parts import WALL
     from crux_simulation.wall.places import Limits
 
     look_at_outputs({"-o": options.output, "--picture": options.picture}, (options.scan,))
@@ -102,7 +105,9 @@ def _import(options: argparse.Namespace) -> int:
         write_whole(options.picture, picture(found))
     bodies = sum(found.reasons.values()) + len(found.holds)
     slope = f"slope {found.slope_deg:.1f}°"
-    note(f"{options.output}: {len(found.holds)} of {bodies} bodies on the wall are holds, {slope}")
+    planes = sum(surface.name != WALL for surface in found.surfaces)
+    also = f", with {planes} more {'plane' if planes == 1 else 'planes'}" if planes else ""
+    note(f"{options.output}: {len(found.holds)} of {bodies} bodies on the wall are holds, {slope}{also}")
     for reason, count in found.reasons.items():
         note(f"  {count} not: {reason}")
     for box in found.holds:
@@ -116,6 +121,10 @@ def _import(options: argparse.Namespace) -> int:
 
 
 def _described(found: Any) -> dict[str, Any]:
+    """Of the bodies, `position_m` and `yaw_deg` are in the frame of their plane, and `pose` is in W."""
+    from crux_simulation.wall.frame import rpy_rad
+    from crux_simulation.wall.imported import pose
+
     return {
         "slope_deg": found.slope_deg,
         "rotation": None if found.wall is None else found.wall.rotation.tolist(),
@@ -128,13 +137,18 @@ def _described(found: Any) -> dict[str, Any]:
                 "position_m": box.position_m.tolist(),
                 "size_m": box.size_m.tolist(),
                 "yaw_deg": math.degrees(box.yaw_rad),
+                "pose": pose(box.foot_m, box.rpy_rad),
                 "tilt_deg": [math.degrees(tilt) for tilt in box.tilt_rad],
             }
             for box in found.boxes
         ],
-        "elsewhere": [
-            {"name": body.name, "reason": body.reason, "position_m": body.position_m.tolist()}
-            for body in found.elsewhere
+        "surfaces": [
+            {
+                "name": each.name,
+                **pose(each.frame.origin_m, rpy_rad(each.frame.rotation.T)),
+                "size_m": each.size_m.tolist(),
+            }
+            for each in found.surfaces
         ],
     }
 

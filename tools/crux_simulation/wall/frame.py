@@ -1,4 +1,4 @@
-"""The wall's frame in a scan: z off the plane in which most of it lies, x up the slope."""
+"""The frame W of a wall in its scan, z off the plane in which most of it lies, x up the slope; its planes' frames."""
 
 from __future__ import annotations
 
@@ -10,6 +10,49 @@ from crux_tools.errors import UsageError
 from crux_simulation.wall.surface import Array, Surface
 
 LEVEL = 0.02  # sine of the angle under which a plane counts as level
+RIGHT_ANGLE = 1e-9  # cosine of pitches at which roll and yaw are one turn
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A plane's own frame: its axes in W are the rows of `rotation` (3, 3), z off the plane; its origin (3,) [m]."""
+
+    rotation: Array
+    origin_m: Array
+
+    @classmethod
+    def on(cls, normal: Array, origin_m: Array) -> Frame:
+        """x is W's, or where that points off the plane W's y, as far as it lies in the plane."""
+        return cls(_axes(np.array([1.0, 0.0, 0.0]), normal), origin_m)
+
+    def seen(self, points: Array) -> Array:
+        """Points (n, 3) of W in this frame."""
+        return np.asarray((points - self.origin_m) @ self.rotation.T)
+
+    def in_w(self, points: Array) -> Array:
+        """Points (..., 3) of this frame in W."""
+        return np.asarray(points @ self.rotation + self.origin_m)
+
+
+CLIMBED = Frame(np.eye(3), np.zeros(3))  # of the plane z = 0
+
+
+def rpy_rad(rotation: Array) -> Array:
+    """Roll, pitch and yaw (3,) [rad] of Rz(yaw) Ry(pitch) Rx(roll); yaw is 0 where the pitch is a right angle."""
+    flat = float(np.hypot(*rotation[:2, 0]))
+    pitch = np.arctan2(-rotation[2, 0], flat)
+    if flat < RIGHT_ANGLE:
+        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(*rotation[2, [1, 2]]), pitch, np.arctan2(*rotation[[1, 0], 0])])
+
+
+def _axes(up: Array, normal: Array) -> Array:
+    """Rows x, along `up` or where that is off the plane y, and y and z of a plane with this normal."""
+    if abs(up @ normal) > np.cos(0.3):
+        up = np.array([0.0, 1.0, 0.0])
+    x = up - (up @ normal) * normal
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(normal, x), normal])
 
 
 @dataclass(frozen=True)
@@ -34,11 +77,7 @@ def placed(surface: Surface, outward: Array, down: Array | None, slope_deg: floa
             up = np.array([1.0, 0.0, 0.0])
     else:
         up = np.array([1.0, 0.0, 0.0])
-    if abs(up @ normal) > np.cos(0.3):
-        up = np.array([0.0, 1.0, 0.0])
-    x = up - (up @ normal) * normal
-    x /= np.linalg.norm(x)
-    rotation = np.stack([x, np.cross(normal, x), normal])
+    rotation = _axes(up, normal)
     near = surface.samples.points @ rotation.T
     on_plane = near[np.abs(near[:, 2] - along) < 0.01]
     if not len(on_plane):

@@ -19,10 +19,11 @@ from crux_tools.errors import UsageError
 from crux_tools.output import progress
 
 from crux_simulation.wall.board import read_board
-from crux_simulation.wall.boxes import Box, boxes
-from crux_simulation.wall.frame import Placed, placed
+from crux_simulation.wall.boxes import Box, apart, boxes
+from crux_simulation.wall.frame import CLIMBED, Placed, placed, rpy_rad
+from crux_simulation.wall.parts import WALL, Bounded, behind, bounded, parts
 from crux_simulation.wall.places import Limits, bodies, find_places
-from crux_simulation.wall.planes import Elsewhere, elsewhere, obstacles, planes
+from crux_simulation.wall.planes import planes
 from crux_simulation.wall.read import read_surface
 from crux_simulation.wall.stances import Stance, ends, stances
 from crux_simulation.wall.surface import Array
@@ -55,7 +56,7 @@ class Imported:
     stances: tuple[Stance, Stance] | str
     slope_deg: float
     wall: Placed | None
-    elsewhere: list[Elsewhere] = field(default_factory=list)
+    surfaces: list[Bounded] = field(default_factory=list)
 
     @property
     def holds(self) -> list[Box]:
@@ -65,7 +66,6 @@ class Imported:
     def reasons(self) -> dict[str, int]:
         """How many bodies are no holds, by the reason."""
         bodies = [(box.name, box.reason) for box in self.boxes if box.name.startswith("body-")]
-        bodies += [(body.name, body.reason) for body in self.elsewhere]
         names = {name.split("-")[1]: reason for name, reason in bodies}
         return dict(Counter(names.values()))
 
@@ -75,18 +75,18 @@ def imported(scan: Path, output: Path, options: Options) -> Imported:
     robot = load_robot(options.robot)
     with progress(f"reading {scan.name}", 3) as bar:
         wall: Placed | None = None
-        others: list[Elsewhere] = []
+        surfaces: list[Bounded] = []
         if scan.suffix.lower() == ".csv":
             found, slope_deg = read_board(scan), options.slope_deg
         else:
             wall = _placed(scan, options)
             bar.at(1)
-            (found, others), slope_deg = _found(wall, robot, options), wall.slope_deg
+            (found, surfaces), slope_deg = _found(wall, robot, options), wall.slope_deg
         if (most := max(Counter(box.is_hold for box in found).values(), default=0)) > MAX_CUBOIDS:
             hint = "cut the scan, or give the plane that the robot climbs by --outward"
             raise UsageError(f"{scan}: needs {most} holds or obstacles, expected at most {MAX_CUBOIDS} of each; {hint}")
         bar.at(2)
-        document = _document(scan, robot, found, slope_deg, options)
+        document = _document(scan, robot, found, surfaces, slope_deg, options)
         on_holds = stances([box for box in found if box.is_hold], robot)
         chosen = ends(on_holds, lambda stance: _refusal(document, stance, robot))
     if not isinstance(chosen, str):
@@ -96,7 +96,7 @@ def imported(scan: Path, output: Path, options: Options) -> Imported:
     )
     output.parent.mkdir(parents=True, exist_ok=True)
     write_whole(output, text.encode())
-    return Imported(found, chosen, slope_deg, wall, others)
+    return Imported(found, chosen, slope_deg, wall, surfaces)
 
 
 def _placed(scan: Path, options: Options) -> Placed:
@@ -105,17 +105,24 @@ def _placed(scan: Path, options: Options) -> Placed:
     return placed(surface, outward, down, options.slope_deg)
 
 
-def _found(wall: Placed, robot: Robot, options: Options) -> tuple[list[Box], list[Elsewhere]]:
+def _found(wall: Placed, robot: Robot, options: Options) -> tuple[list[Box], list[Bounded]]:
     samples = wall.surface.samples
     on = planes(samples)
     of = bodies(wall.surface, on)
-    others = elsewhere(samples, on, of)
-    in_way = obstacles(samples, on, of, others)
-    of = np.where(on.of == 0, of, -1)
-    for each in others:
-        of[each.which] = -1
-    places, reason = find_places(wall.surface, of, robot, options.limits)
-    return _with_friction(boxes(wall.surface, of, places, reason, robot, in_way), options.friction), others
+    found: list[Box] = []
+    for part in parts(samples, on, of):
+        turned = part.frame is not CLIMBED
+        rotation, origin = part.frame.rotation, part.frame.origin_m
+        seen = wall.surface.moved(rotation, -rotation @ origin, keep_samples=True) if turned else wall.surface
+        places, reason = find_places(seen, part.body, robot, options.limits)
+        if turned:  # the sides of turned holds do not lean
+            places = replace(places, lean_rad=np.zeros_like(places.lean_rad))
+        if part.reason:
+            places = places.of(np.zeros(0, np.int64))
+        in_way = () if turned else behind(samples, on, of)
+        mine = _with_friction(boxes(seen, part.body, places, reason, robot, in_way), options.friction)
+        found += [replace(box, frame=part.frame, reason=part.reason or box.reason) for box in mine]
+    return (apart(found), bounded(wall.surface, on, of)) if len(on.planes) > 1 else (found, [])
 
 
 def tilted(friction: float, tilt_rad: float) -> float:
@@ -134,7 +141,9 @@ def _with_friction(found: list[Box], friction: float) -> list[Box]:
     return kept
 
 
-def _document(scan: Path, robot: Robot, found: list[Box], slope_deg: float, options: Options) -> dict[str, Any]:
+def _document(
+    scan: Path, robot: Robot, found: list[Box], surfaces: list[Bounded], slope_deg: float, options: Options
+) -> dict[str, Any]:
     """The scenario but for start and goal."""
     contact = {
         "model": "patch",
@@ -143,13 +152,12 @@ def _document(scan: Path, robot: Robot, found: list[Box], slope_deg: float, opti
         "spine_shear_N": 5,
         "spine_twist_Nm": 0.05,
     }
-    version = 2 if any(any(box.lean_rad) for box in found if box.is_hold) else 1
+    version = 2 if surfaces or any(any(box.lean_rad) for box in found if box.is_hold) else 1
     head = {"version": version, "name": scan.stem, "robot": options.robot}
     wall: dict[str, Any] = {"wall": {"slope_deg": round(slope_deg, 1)}}
     if version == 2:
-        plane = {"point_m": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
         gravity = _rounded(np.array(Wall(round(slope_deg, 1)).gravity_w_m_s2))
-        wall = {"gravity_m_s2": gravity, "surfaces": [{"name": "wall", "plane": plane}]}
+        wall = {"gravity_m_s2": gravity, "surfaces": _surfaces(surfaces)}
     return {
         **head,
         **wall,
@@ -158,6 +166,29 @@ def _document(scan: Path, robot: Robot, found: list[Box], slope_deg: float, opti
         "obstacles": [_cuboid(box, version) for box in found if not box.is_hold],
         "horizon": HORIZON,
     }
+
+
+def _surfaces(bounded: list[Bounded]) -> list[dict[str, Any]]:
+    """The plane z = 0 of W, unless it is bounded as well, and the others."""
+    whole = {"name": WALL, "plane": {"point_m": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}
+    rectangles = [
+        {
+            "name": each.name,
+            "rectangle": {
+                "pose": pose(each.frame.origin_m, rpy_rad(each.frame.rotation.T)),
+                "size_m": _rounded(each.size_m),
+                "depth_m": round(each.depth_m, DIGITS),
+            },
+        }
+        for each in bounded
+    ]
+    return rectangles if any(each.name == WALL for each in bounded) else [whole, *rectangles]
+
+
+def pose(place_m: Array, turn_rad: Array) -> dict[str, Any]:
+    """As in a scenario of version 2, rounded."""
+    turns = [round(float(each), 2) + 0.0 for each in np.degrees(turn_rad)]
+    return {"position_m": [each + 0.0 for each in _rounded(place_m)], "rpy_deg": turns}
 
 
 def _ends(start: Stance, goal: Stance) -> dict[str, Any]:
@@ -196,14 +227,14 @@ def _said(scan: Path, robot: Robot, chosen: tuple[Stance, Stance] | str, wall: P
 
 
 def _cuboid(box: Box, version: int) -> dict[str, Any]:
-    place, size, yaw_deg = _rounded(box.position_m), _rounded(box.size_m), round(float(np.degrees(box.yaw_rad)), 2)
+    size, yaw_deg = _rounded(box.size_m), round(float(np.degrees(box.yaw_rad)), 2)
     if version == 1:
-        return {"name": box.name, "position_m": place, "size_m": size, "yaw_deg": yaw_deg}
+        return {"name": box.name, "position_m": _rounded(box.position_m), "size_m": size, "yaw_deg": yaw_deg}
     shape: dict[str, Any] = {"box_m": size}
     if any(box.lean_rad):
         degrees = zip(SIDE_FACES, np.degrees(box.lean_rad), strict=True)
         shape["lean_deg"] = {face: round(float(lean), 1) for face, lean in degrees if lean}
-    return {"name": box.name, "pose": {"position_m": [*place, 0.0], "rpy_deg": [0.0, 0.0, yaw_deg]}, "shape": shape}
+    return {"name": box.name, "pose": pose(box.foot_m, box.rpy_rad), "shape": shape}
 
 
 def _hold(box: Box, friction: float, version: int) -> dict[str, Any]:

@@ -31,7 +31,7 @@ def picture(found: Imported) -> bytes:
         label = box.name.removeprefix("hold-") if box.is_hold else ""
         if box.reason in reasons:
             label = f"({reasons.index(box.reason) + 1})"
-        axes.annotate(label, (box.position_m[1], box.position_m[0]), color=colour, ha="center", va="center", fontsize=8)
+        axes.annotate(label, (box.foot_m[1], box.foot_m[0]), color=colour, ha="center", va="center", fontsize=8)
     stances = () if isinstance(found.stances, str) else found.stances
     for stance, name in zip(stances, ("start", "goal"), strict=False):
         axes.plot(stance.body_m[1], stance.body_m[0], "b+", markersize=14)
@@ -47,6 +47,6 @@ def picture(found: Imported) -> bytes:
 
 
 def _corners(box: Box) -> np.ndarray:
-    c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
-    unit = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / 2.0
-    return np.asarray(box.position_m + unit * box.size_m[:2] @ np.array([[c, s], [-s, c]]))
+    """(4, 2) of its foot in x and y of W."""
+    unit = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]]) / 2.0
+    return np.asarray((box.foot_m + unit * box.size_m @ box.rotation.T)[:, :2])

@@ -17,7 +17,6 @@ ON_M = 0.01  # what is nearer to its plane is a part of it
 TRIES = 200
 LEAST_M, LEAST_M2 = 0.25, 0.1  # of a plane's narrower side and area: the faces of holds are smaller
 CELL_M = 0.02  # by which an area is counted
-STRIP_M = 0.1
 LINK_M = 2.0 * SAMPLE_M
 LOOKED_AT = 20_000  # samples, of many
 MOST_PLANES = 12  # that are looked for
@@ -61,7 +60,7 @@ def planes(samples: Samples) -> Planes:
     points = samples.points
     found = [Plane(np.array([0.0, 0.0, 1.0]), 0.0)]
     links, random = _links(samples), np.random.default_rng(0)
-    on = np.where(_near(samples, found[0]), 0, -1)
+    on = np.where(lies_in(samples, found[0]), 0, -1)
     free = on < 0
     for _ in range(MOST_PLANES):
         plane, part = _largest(samples, free, links, random)
@@ -79,8 +78,8 @@ def planes(samples: Samples) -> Planes:
     return Planes(found[:1], np.zeros(len(points), np.int64), points[:, 2])
 
 
-def _near(samples: Samples, plane: Plane) -> NDArray[np.bool_]:
-    """The samples that lie in a plane and face its way."""
+def lies_in(samples: Samples, plane: Plane) -> NDArray[np.bool_]:
+    """Which samples lie in a plane and face its way."""
     off = samples.points @ plane.normal - plane.offset_m
     return np.asarray((np.abs(off) < ON_M) & (samples.smooth @ plane.normal > np.cos(np.radians(30.0))))
 
@@ -113,7 +112,7 @@ def _largest(
     normal = np.linalg.svd(points[best] - middle, full_matrices=False)[2][2]
     normal *= np.sign(normal @ normals[best].sum(axis=0))
     plane = Plane(normal, float(middle @ normal))
-    part = np.flatnonzero(free & _near(samples, plane))
+    part = np.flatnonzero(free & lies_in(samples, plane))
     groups = connected_components(links[part][:, part], directed=False)[1]
     return plane, part[groups == np.bincount(groups).argmax()]
 
@@ -132,58 +131,3 @@ def _spread(links: csr_matrix, on: Indices) -> Indices:
     start = np.flatnonzero(on >= 0)
     source = dijkstra(links, directed=False, indices=start, min_only=True, return_predecessors=True)[2]
     return np.where(source >= 0, on[np.maximum(source, 0)], 0)
-
-
-@dataclass(frozen=True, eq=False)
-class Elsewhere:
-    """A body that no gripper takes which is upright on the plane that is climbed, its middle (3,) [m], frame W, its
-    samples, and the reason.
-    """
-
-    name: str
-    position_m: Array
-    which: Indices
-    reason: str
-
-
-def elsewhere(samples: Samples, on: Planes, of: Indices) -> list[Elsewhere]:
-    """The bodies on other planes, and those that two planes share: what is on another plane belongs to what it touches
-    on the one that is climbed. `of` is the body of each sample.
-    """
-    if len(on.planes) == 1:
-        return []
-    parts: dict[int, list[int]] = {}  # by body on the plane that is climbed
-    outside = np.flatnonzero((of >= 0) & (on.of > 0))
-    for i, around in zip(outside, samples.tree.query_ball_point(samples.points[outside], LINK_M), strict=True):
-        for body in {int(of[other]) for other in around if of[other] >= 0 and on.of[other] == 0}:
-            parts.setdefault(body, []).append(int(of[i]))
-    shared = {other for others in parts.values() for other in others}
-    found = []
-    for body in range(of.max(initial=-1) + 1):
-        which = np.flatnonzero(np.isin(of, [body, *parts.get(body, [])]))
-        plane = int(on.of[which[0]])
-        if body in parts:
-            reason = "lies across two planes"
-        elif plane == 0 or body in shared:
-            continue
-        else:
-            reason = f"is on another plane, {on.planes[plane].words()}"
-        middle = (samples.points[which].min(axis=0) + samples.points[which].max(axis=0)) / 2.0
-        found.append(Elsewhere(f"body-{body + 1}", middle, which, reason))
-    return found
-
-
-def obstacles(samples: Samples, on: Planes, of: Indices, found: list[Elsewhere]) -> list[tuple[str, Array, str]]:
-    """Name, points and reason of what of other planes and of `found` stands out of the one that is climbed; planes in
-    strips, so that steps stand for a slope.
-    """
-    points, out = samples.points, samples.points[:, 2] > ON_M
-    groups = [(each.name, points[each.which[out[each.which]]], each.reason) for each in found]
-    for number, plane in enumerate(on.planes[1:], start=1):
-        mine = points[out & (on.of == number) & (of < 0)]
-        size = float(np.hypot(*plane.normal[:2]))
-        along = mine[:, :2] @ plane.normal[:2] / size if size > 0.0 else np.zeros(len(mine))
-        strip = np.floor((along - along.min(initial=np.inf)) / STRIP_M)
-        reason = f"another plane, {plane.words()}"
-        groups += [(f"plane-{number + 1}-{int(k) + 1}", mine[strip == k], reason) for k in np.unique(strip)]
-    return groups

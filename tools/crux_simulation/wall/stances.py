@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.gripper_frames import yaw_and_tilt
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Hold
 from crux_planner import Faces
@@ -42,14 +43,14 @@ def stances(holds: list[Box], robot: Robot) -> list[Stance]:
     if len(holds) < len(LIMB_NAMES):
         return []
     model, height = load_model(robot), sum(robot.body.height_m) / 2.0
-    foot = np.array([hold.position_m for hold in holds])
+    foot = np.array([hold.foot_m[:2] for hold in holds])
     low, high = foot.min(axis=0), foot.max(axis=0)
     step = max(STEP_M, float(np.sqrt(np.prod(high - low + STEP_M) * len(grips) / MOST_POSES)))
     x, y = (np.linspace(a, b, 2 + int((b - a) / step)) for a, b in zip(low, high, strict=True))
     bodies = np.array([[i, j, height] for j in y for i in x])
-    places, yaws = np.array([place for _, _, place, _ in grips]), np.array([yaw for _, _, _, yaw in grips])
+    places, rotations = (np.array([grip[i] for grip in grips]) for i in (2, 3))
     wanted = places[None] - bodies[:, None]
-    turns = np.broadcast_to(rotation_about_z(yaws), (len(bodies), len(yaws), 3, 3))
+    turns = np.broadcast_to(rotations, (len(bodies), len(grips), 3, 3))
     off = np.full((len(model.limbs), len(bodies), len(grips)), np.inf)
     sections = {"body": robot.body, "grasp": robot.grasp, "gripper": robot.gripper}
     for mine, limb in zip(off, model.limbs, strict=True):
@@ -92,7 +93,7 @@ def ends(found: list[Stance], refusal: Callable[[Stance], str]) -> tuple[Stance,
     return chosen[0], chosen[1]
 
 
-Grip = tuple[str, str, Array, float]  # hold, faces, place of the gripper's middle (3,), yaw
+Grip = tuple[str, str, Array, Array]  # hold, faces, place of the gripper's middle (3,) and rotation (3, 3) in W
 
 
 def _grips(holds: list[Box], robot: Robot) -> list[Grip]:
@@ -100,17 +101,18 @@ def _grips(holds: list[Box], robot: Robot) -> list[Grip]:
     low, high = robot.grasp.gripper_yaw_rad
     found: list[Grip] = []
     for hold in holds:
+        upright = yaw_and_tilt(hold.rotation)[0]
         for faces, turn, can in (("x", 0.0, hold.faces[0]), ("y", np.pi / 2.0, hold.faces[1])):
             place = _place(hold, "xy".index(faces), robot) if can else None
             for half in (-np.pi, 0.0, np.pi):
-                yaw = hold.yaw_rad + turn + half
-                if place is not None and low <= yaw <= high:
-                    found.append((hold.name, faces, place, yaw))
+                if place is not None and low <= upright + turn + half <= high:
+                    rotation = hold.rotation @ rotation_about_z(np.array(turn + half))
+                    found.append((hold.name, faces, place, rotation))
     return found
 
 
 def _place(hold: Box, pair: int, robot: Robot) -> Array | None:
-    """Where a gripper's middle is on a pair of faces, as the planner has it."""
+    """Where a gripper's middle is on a pair of faces in W, as the planner has it."""
     lean_deg = tuple(np.degrees(hold.lean_rad).tolist())
     size = (float(hold.size_m[0]), float(hold.size_m[1]), float(hold.size_m[2]))
     as_hold = Hold(name=hold.name, position_m=(0.0, 0.0), size_m=size, lean_deg=lean_deg)
@@ -119,7 +121,7 @@ def _place(hold: Box, pair: int, robot: Robot) -> Array | None:
         return None
     yaw = hold.yaw_rad + pair * np.pi / 2.0
     off = faces.off_m * np.array([np.cos(yaw), np.sin(yaw)]) + faces.aside_m * np.array([-np.sin(yaw), np.cos(yaw)])
-    return np.array([*(hold.position_m + off), faces.height_m])
+    return hold.frame.in_w(np.array([*(hold.position_m + off), faces.height_m]))
 
 
 def _best(body: Array, off_m: Array, grips: list[Grip]) -> Stance | None:

@@ -25,6 +25,7 @@ class Surface:
 
     vertices: Array
     faces: NDArray[np.int64]
+    sampled: Samples | None = None  # in place of those that are drawn
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
@@ -58,6 +59,8 @@ class Surface:
     @cached_property
     def samples(self) -> Samples:
         """About one in a square of `SAMPLE_M`; the same for the same triangles."""
+        if self.sampled is not None:
+            return self.sampled
         mesh = self.mesh
         count = int(1.6 * mesh.area / SAMPLE_M**2)
         points, face = trimesh.sample.sample_surface(mesh, count, seed=0)
@@ -84,9 +87,11 @@ class Surface:
                 best, most = (fitted, float(np.median(points[near] @ fitted))), count
         return best
 
-    def moved(self, rotation: Array, offset: Array) -> Surface:
-        """Each vertex x as rotation @ x + offset."""
-        return Surface(self.vertices @ rotation.T + offset, self.faces)
+    def moved(self, rotation: Array, offset: Array, keep_samples: bool = False) -> Surface:
+        """Each vertex x as rotation @ x + offset, and each sample, else they are drawn anew."""
+        points, normals = self.samples.points @ rotation.T + offset, self.samples.normals @ rotation.T
+        kept = Samples(points, normals) if keep_samples else None
+        return Surface(self.vertices @ rotation.T + offset, self.faces, kept)
 
 
 @dataclass(frozen=True, eq=False)
