@@ -48,6 +48,7 @@ MOST_FRICTION = 0.929  # share of (2) that a disc under even pressure bears what
 EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face's edge
 TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
 LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has the last word
+ROUNDING_RAD = 1e-9  # of the yaw of a gripper at the edge of its range
 
 
 def build_problem(
@@ -336,7 +337,7 @@ def start_contacts(
     body at `start`, and off its heading by what is in `turned_rad`; `unusable` says why a hold and pair has none.
     Raises ScenarioError.
     """
-    low, high = np.array(turned_rad) + start.rpy_rad[2]
+    low, high = np.array(turned_rad) + start.rpy_rad[2] + [-ROUNDING_RAD, ROUNDING_RAD]
     chosen, in_air = [], (i for i, c in enumerate(contacts) if not c.bears)  # in the order of start.air
     begun = {limb: next(in_air) for limb in scenario.start.air}
     for limb, own in zip(LIMB_NAMES, robot.limbs, strict=True):

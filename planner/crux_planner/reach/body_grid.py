@@ -96,9 +96,7 @@ class BodyGrid:
         wide_x, wide_y = (
             each.reshape(-1, 1, 1, 1, 1, 1) for each in (c * along + s * across, c * across + s * along)
         )  # of the cell's rectangle, turned by the middle yaw
-        far_x, far_y = np.abs(middle.x_m) + wide_x, np.abs(middle.y_m) + wide_y
-        off_x = wide_x + np.sin(turn) * far_y + (1.0 - np.cos(turn)) * far_x
-        off_y = wide_y + np.sin(turn) * far_x + (1.0 - np.cos(turn)) * far_y
+        off_x, off_y = spread((middle.x_m, middle.y_m), (wide_x, wide_y), turn)
         off = (off_x, off_y, up, turn + slack[3], roll, pitch)
         low = GripperPoses(*(np.asarray(each - by) for each, by in zip(middle.arrays, off, strict=True)))
         high = GripperPoses(*(np.asarray(each + by) for each, by in zip(middle.arrays, off, strict=True)))
@@ -146,6 +144,15 @@ class BodyGrid:
         if len(gripper_w) > UPRIGHT and gripper_w[UPRIGHT:].any():
             return np.zeros(self.shape, dtype=bool)
         return np.broadcast_to(reach.cannot(*self.boxes(gripper_w, slack)), self.shape)
+
+
+def spread(middle_m: tuple[Array, Array], wide_m: tuple[Array, Array], turn_rad: Array | float) -> tuple[Array, Array]:
+    """The most that x and y can be off those of places in the middle of rectangles, half as wide as `wide_m` along the
+    axes of the middle heading, as headings up to `turn_rad` off that have them.
+    """
+    (wide_x, wide_y), turned, shortened = wide_m, np.sin(turn_rad), 1.0 - np.cos(turn_rad)
+    far_x, far_y = (np.abs(at) + wide for at, wide in zip(middle_m, wide_m, strict=True))
+    return wide_x + turned * far_y + shortened * far_x, wide_y + turned * far_x + shortened * far_y
 
 
 def stance(masks: Sequence[Flags]) -> Flags:

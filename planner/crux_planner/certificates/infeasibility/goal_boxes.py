@@ -14,6 +14,7 @@ from crux_planner.certificates.infeasibility.poses import GoalPoses
 from crux_planner.model.arrays import Array
 from crux_planner.model.contacts import Grip
 from crux_planner.model.kinematics import wrap_near
+from crux_planner.reach.body_grid import spread
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.protocol import Reach
 
@@ -60,10 +61,8 @@ def _seen(grip: Grip, yaw_w_rad: float, low: Array, high: Array) -> tuple[Grippe
     along, across = (wide[i] + wide_aside * abs(contact.tangent[i]) for i in range(2))
     c, s = np.cos(yaw), np.sin(yaw)
     ahead, to_left = c * east + s * north, c * north - s * east
-    wide_x, wide_y = np.abs(c) * along + np.abs(s) * across, np.abs(c) * across + np.abs(s) * along
-    far_x, far_y = np.abs(ahead) + wide_x, np.abs(to_left) + wide_y
-    off_x = wide_x + np.sin(turned) * far_y + (1.0 - np.cos(turned)) * far_x
-    off_y = wide_y + np.sin(turned) * far_x + (1.0 - np.cos(turned)) * far_y
+    across_body = np.abs(c) * along + np.abs(s) * across, np.abs(c) * across + np.abs(s) * along
+    off_x, off_y = spread((ahead, to_left), across_body, turned)
     at = ahead, to_left, height - z, wrap_near(yaw_w_rad - yaw, 0.0), roll, pitch
     off = off_x, off_y, wide_height + wide[2], turned, rolled, pitched
     lowest, highest = ([a + sign * b for a, b in zip(at, off, strict=True)] for sign in (-1.0, 1.0))
