@@ -11,11 +11,12 @@
 
 namespace crux {
 
-inline Vector in_axes(const crux_reach_box& box, const Vector& point) {
-  const Vector off = point - vector(box.centre_m);
-  Vector seen{};
+template <class T>
+inline Vec<T> in_axes(const crux_reach_box& box, const Vec<T>& point) {
+  const Vec<T> off{point[0] - box.centre_m[0], point[1] - box.centre_m[1], point[2] - box.centre_m[2]};
+  Vec<T> seen{};
   for (std::size_t a = 0; a < 3; ++a) {
-    seen[a] = off[0] * box.rotation[a] + off[1] * box.rotation[3 + a] + off[2] * box.rotation[6 + a];
+    seen[a] = box.rotation[a] * off[0] + box.rotation[3 + a] * off[1] + box.rotation[6 + a] * off[2];
   }
   return seen;
 }
@@ -29,9 +30,9 @@ inline double slope(const Vector& point, const Vector& way, const double* half) 
   return sum;
 }
 
-/// Square of the distance of a segment to the box |x| <= half: the slope along it is linear between the places where it
-/// crosses planes of faces.
-inline double squared_distance(const Vector& start, const Vector& way, const double* half) {
+/// How far along a segment it is nearest to the box |x| <= half: the slope along it is linear between the places where
+/// it crosses planes of faces.
+inline double nearest_share(const Vector& start, const Vector& way, const double* half) {
   std::array<double, 8> places{0.0, 1.0};
   std::size_t count = 2;
   for (std::size_t a = 0; a < 3; ++a) {
@@ -53,7 +54,12 @@ inline double squared_distance(const Vector& start, const Vector& way, const dou
     best = after <= 0.0 ? places[k] : places[k - 1] + before / (before - after) * (places[k] - places[k - 1]);
     before = after;
   }
-  const Vector nearest = start + best * way;
+  return best;
+}
+
+/// Square of the distance of a segment to that box.
+inline double squared_distance(const Vector& start, const Vector& way, const double* half) {
+  const Vector nearest = start + nearest_share(start, way, half) * way;
   double squared = 0.0;
   for (std::size_t a = 0; a < 3; ++a) {
     const double off = nearest[a] - std::clamp(nearest[a], -half[a], half[a]);

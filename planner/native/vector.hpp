@@ -6,15 +6,30 @@
 
 namespace crux {
 
-using Vector = std::array<double, 3>;
+template <class T>
+using Vec = std::array<T, 3>;
+using Vector = Vec<double>;
 using Matrix = std::array<Vector, 3>;  ///< columns
 
-inline Vector operator+(const Vector& a, const Vector& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
-inline Vector operator-(const Vector& a, const Vector& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-inline Vector operator*(double s, const Vector& a) { return {s * a[0], s * a[1], s * a[2]}; }
-inline double dot(const Vector& a, const Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+template <class T>
+inline Vec<T> operator+(const Vec<T>& a, const Vec<T>& b) {
+  return {a[0] + b[0], a[1] + b[1], a[2] + b[2]};
+}
+template <class T>
+inline Vec<T> operator-(const Vec<T>& a, const Vec<T>& b) {
+  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+}
+template <class S, class T>
+inline Vec<T> operator*(const S& s, const Vec<T>& a) {
+  return {s * a[0], s * a[1], s * a[2]};
+}
+template <class T>
+inline T dot(const Vec<T>& a, const Vec<T>& b) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 
-inline Vector cross(const Vector& a, const Vector& b) {
+template <class T>
+inline Vec<T> cross(const Vec<T>& a, const Vec<T>& b) {
   return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 

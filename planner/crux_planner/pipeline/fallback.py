@@ -29,7 +29,7 @@ def disproved(climb: Climb, none_near: InfeasibleError | None, held: bool = Fals
         return None
     proof = Proof(climb.session.scenario, climb.session.robot, climb.problem)
     with climb.work.part("proof", 0.1):
-        impossible = proof.quick(held)
+        impossible = proof.quick(held, climb.session.deadline)
         if impossible is None and not held:
             impossible = proof.goal_equilibrium(GOAL_PROOF, climb.session.deadline)
         if impossible is not None:

@@ -122,6 +122,23 @@ class ArmReach:
         return native.arm(self.limb, LEAST_RADIUS_M, self.cos_elbow, self.sin_roll, self.sectors, *shapes)
 
     @cached_property
+    def outer(self) -> native.Arm:
+        """With joint limits as they are and the shapes that are certain, for proofs."""
+        (low, high), limb = (self.limb.lower_rad, self.limb.upper_rad), self.limb
+        first = limb.mount_rad
+        ranges = ((first + low[0], first + high[0]), (low[1], high[1]), (low[3], high[3]))
+        elbow = float(np.cos(high[2])), float(np.cos(low[2]))
+        roll = float(np.sin(low[4])), float(np.sin(high[4]))
+        azimuth, upper, pitch = (Sector.between(*each) for each in ranges)
+        return native.arm(limb, 0.0, elbow, roll, (azimuth, upper, pitch), self.certain, 0.0)
+
+    @property
+    def last_rad(self) -> tuple[float, float]:
+        """What a gripper's yaw is less that of the limb's side, least and most."""
+        mount = self.limb.gripper_mount_rad
+        return float(self.limb.lower_rad[5] + mount), float(self.limb.upper_rad[5] + mount)
+
+    @cached_property
     def forward_rad(self) -> float:
         """The azimuth in the middle of joint 1."""
         return float(self.limb.mount_rad + (self.limb.lower_rad[0] + self.limb.upper_rad[0]) / 2)

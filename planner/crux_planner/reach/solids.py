@@ -57,7 +57,10 @@ NOTHING = Solids((), ())
 
 
 def solids(robot: Robot, limb: Limb, *, around: bool) -> Solids:
-    """Of a robot and one of its limbs, `around` the shapes or inside them; fingers are as wide open as they go."""
+    """Of a robot and one of its limbs, `around` the shapes or inside them; around them fingers are as wide open as they
+    go, and inside them what a half turn of the gripper moves
+    is left out.
+    """
     links = {str(link.get("name")): link for link in ET.parse(robot.urdf_path).getroot().iter("link")}
     trunk = tuple(_box(shape, around) for shape in link_shapes(links[robot.body_link]))
     capsules: list[Capsule] = []
@@ -75,7 +78,8 @@ def solids(robot: Robot, limb: Limb, *, around: bool) -> Solids:
         turn = rotation_from_rpy(np.array(slide.rpy_rad))
         hand.append((slide.child, turn, np.array(slide.xyz_m) + turn @ np.array(slide.axis) * slide.upper))
     for link, turn, place in hand:
-        capsules += [_capsule(shape, HAND, around, turn, place) for shape in link_shapes(links[link])]
+        held = [_capsule(shape, HAND, around, turn, place) for shape in link_shapes(links[link])]
+        capsules += [each for each in held if around or not np.any([each.start_m[:2], each.end_m[:2]])]
     first = tuple(capsule for capsule in capsules if capsule.frame == SHOULDER)
     return Solids(trunk, tuple(capsules[len(first) :]), first)
 

@@ -6,18 +6,22 @@ have its gripper anywhere on the grip.
 """
 
 import numpy as np
+from crux_contracts import N_LIMBS
 from crux_contracts.robot import Robot
 
 from crux_planner.certificates.infeasibility import goal_boxes
-from crux_planner.certificates.infeasibility.connection import Grips
+from crux_planner.certificates.infeasibility.connection import CLEARANCE_M, Grips
 from crux_planner.certificates.infeasibility.poses import TOLERANCE_M, TOLERANCE_RAD, GoalPoses
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.contacts import Grip
 from crux_planner.model.problem import Problem
 from crux_planner.reach.arm import reaches_of
 from crux_planner.reach.body_grid import BodyGrid
+from crux_planner.solvers import clock
 
 _PLACES, _ANGLES = (2, 4, 4), (4, 3, 3)  # boxes along z, x and y; along yaw, roll and pitch
+_MORE = 4  # times as many looks, if as many were not enough
+_LOOKS = [250_000 * _MORE**i for i in range(3)]
 _BENT = 1.1  # factor of angles of one rotation as roll, pitch and yaw, for the tilts that a goal may have
 
 
@@ -35,10 +39,10 @@ class GoalMap:
 
     def possible(self, stances: list[Grips]) -> list[Grips]:
         """Those that are not ruled out."""
-        everything = np.array(stances, dtype=int).reshape(-1, 4)
+        everything = np.array(stances, dtype=int).reshape(-1, N_LIMBS)
         kept = np.arange(len(everything))
         boxes = np.full((len(everything), 1), 0xFF, dtype=np.uint8)  # a bit for each that is left
-        for limb in range(4):
+        for limb in range(N_LIMBS):
             if not len(kept):
                 break
             numbers, at = np.unique(everything[kept, limb], return_inverse=True)
@@ -51,13 +55,30 @@ class GoalMap:
     def possible_closely(self, stances: list[Grips], poses: GoalPoses) -> list[Grips]:
         """The same with finer boxes, made of the goal's `poses` for each limb and grip alone."""
         for limb, number in sorted({pair for stance in stances for pair in enumerate(stance)}):
-            if goal_boxes.cannot(poses, self._exact, limb, self._grips[number]):
+            if goal_boxes.cannot(poses, self._exact, [(limb, self._grips[number])]):
                 self._masks[limb, number] = np.zeros(self._grid.shape, dtype=bool)
         return self.possible(stances)
 
+    def at_once(self, stances: list[Grips], poses: GoalPoses, deadline: float = np.inf) -> bool:
+        """Whether a body may hold one of the stances with the links of limbs off each other; True where the time does
+        not do to say.
+        """
+        every = np.array(stances, dtype=int).reshape(-1, N_LIMBS)
+        held = [(limb, number) for limb in range(N_LIMBS) for number in np.unique(every[:, limb]).tolist()]
+        on = np.array([every[:, limb] == number for limb, number in held], dtype=float)  # (grips, stances)
+        grips = [(limb, self._grips[number]) for limb, number in held]
+        for looks in _LOOKS:
+            began = clock.now()
+            none = goal_boxes.cannot(poses, self._exact, grips, on @ on.T > 0.0, CLEARANCE_M, looks)
+            if none is not None:
+                return not none
+            if clock.now() + _MORE * (clock.now() - began) > deadline:
+                break
+        return True
+
     def stuck(self, stances: list[Grips]) -> list[int]:
         """The limbs that none of the stances' grips is in reach of."""
-        return [limb for limb in range(4) if not any(self._may(limb, each[limb]).any() for each in stances)]
+        return [limb for limb in range(N_LIMBS) if not any(self._may(limb, each[limb]).any() for each in stances)]
 
     def _may(self, limb: int, number: int) -> Flags:
         """Boxes in which a limb may hold, with its fingers either way round."""

@@ -47,7 +47,7 @@ class Proof:
         self.apart = ~clashes(grips, self.palm) & (hold[:, None] != hold)
         self.connection = Connection(self.reach, self.equilibrium, self.apart, self.step_m)
 
-    def quick(self, held: bool = False) -> InfeasibleError | None:
+    def quick(self, held: bool = False, deadline: float = np.inf) -> InfeasibleError | None:
         """What needs no search: the goal's body pose against the reach of every stance there. `held`: a body at the
         goal is known to hold one, so which others it does not is left for `disconnected`.
         """
@@ -72,9 +72,9 @@ class Proof:
         if len(stances):
             stances = stances[self.reach.at_goal(stances)]
         self.goals: list[Grips] = list(map(tuple, stances.tolist()))
-        return None if held and self.goals else self._no_goal()
+        return None if held and self.goals else self._no_goal(deadline)
 
-    def _no_goal(self) -> InfeasibleError | None:
+    def _no_goal(self, deadline: float) -> InfeasibleError | None:
         """Leaves out of `goals` what no body there has in reach at once; why all are, where they are."""
         problem, self._narrowed = self.problem, True
         near, self.goals = self.goals, self.goal_poses.possible(self.goals, self.reach.grips)
@@ -87,14 +87,17 @@ class Proof:
         near, self.goals = self.goals, self.goal_map.possible(self.goals)
         if self.goals:
             near, self.goals = self.goals, self.goal_map.possible_closely(self.goals, self.goal_poses)
-        return None if self.goals else self._blocked(near)
+        if not self.goals:
+            stuck = [LIMB_NAMES[limb] for limb in self.goal_map.stuck(near)]
+            return self._blocked(f"{' and '.join(stuck)} hold" if stuck else "all limbs hold at once", "in the trunk")
+        if not self.goal_map.at_once(self.goals, self.goal_poses, deadline):
+            return self._blocked("all limbs hold at once", "in the trunk or in those of other limbs")
+        return None
 
-    def _blocked(self, near: list[Grips]) -> InfeasibleError:
-        """No body pose at the goal has the limbs on any of these stances within joint limits and off the trunk."""
-        stuck = [LIMB_NAMES[limb] for limb in self.goal_map.stuck(near)]
-        who = f"{' and '.join(stuck)} hold" if stuck else "all limbs hold at once"
+    def _blocked(self, who: str, inside: str) -> InfeasibleError:
+        """No body pose at the goal has the limbs on any stance within joint limits and links off these."""
         at = point_text(self.problem, self.problem.goal.body.position_m)
-        text = f"no pose of the body at the goal {at} lets {who}: joint limits, or links that would be in the trunk"
+        text = f"no pose of the body at the goal {at} lets {who}: joint limits, or links that would be {inside}"
         return InfeasibleError("reach", text, proven=True)
 
     def goal_equilibrium(self, programs: int, deadline: float) -> InfeasibleError | None:
@@ -120,7 +123,7 @@ class Proof:
 
     def disconnected(self, programs: int, deadline: float) -> InfeasibleError | None:
         """The start's part of the graph lacks the goal, or the goal's the start; None: `Connection.separated`."""
-        if not self._narrowed and (none := self._no_goal()) is not None:
+        if not self._narrowed and (none := self._no_goal(deadline)) is not None:
             return none
         part = self.connection.separated(self.start, self.goals, programs, deadline)
         return None if part is None else self._closed(set(part.headings), part.forward)

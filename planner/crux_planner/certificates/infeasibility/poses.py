@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from crux_contracts import N_LIMBS
 
-from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.arrays import Array
 from crux_planner.model.contacts import Grip
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Problem
@@ -65,7 +65,7 @@ class GoalPoses:
     def __init__(self, problem: Problem) -> None:
         self.problem, self.goal = problem, problem.goal
         self._solved = 0
-        self._rates = body_rates(self.goal.body.rpy_rad)
+        self.rates = body_rates(self.goal.body.rpy_rad)
         first = polytope_directions(1.0)[0]
         first /= np.linalg.norm(first, axis=1)[:, None]
         self._place_cuts, self._angle_cuts = list(first), list(first)  # unit vectors: tangents of the two balls
@@ -121,29 +121,22 @@ class GoalPoses:
 
     def box(self) -> tuple[Array, Array]:
         """Bounds (6,) of x, y, z, yaw, roll and pitch."""
-        at, off = self.goal.body.position_m, self._place_m()
+        at, off = self.goal.body.position_m, self.place_m
         low, high = self._angles()
         return np.concatenate([at - off, low[[2, 0, 1]]]), np.concatenate([at + off, high[[2, 0, 1]]])
-
-    def may_be(self, low: Array, high: Array) -> Flags:
-        """(n,) boxes (n, 6) as `box` has them that have a pose of the goal's."""
-        goal = self.goal.body
-        middle = np.concatenate([goal.position_m, goal.rpy_rad[[2, 0, 1]]])
-        off = np.maximum(np.maximum(low - middle, middle - high), 0.0)
-        least = float(np.linalg.svd(self._rates, compute_uv=False)[-1])
-        near = np.linalg.norm(off[:, :3], axis=1) <= self._place_m()
-        return np.asarray(near & (least * np.linalg.norm(off[:, 3:], axis=1) <= self._angle_rad()))
 
     def _angles(self) -> tuple[Array, Array]:
         """Bounds of roll, pitch and yaw at the goal."""
         tilt, goal = self.problem.body.max_tilt_rad + TOLERANCE_RAD, self.goal.body.rpy_rad
-        slack, most = (1.0 + tilt) * self._angle_rad(), np.array([tilt, tilt, np.inf])
+        slack, most = (1.0 + tilt) * self.angle_rad, np.array([tilt, tilt, np.inf])
         return np.maximum(goal - slack, -most), np.minimum(goal + slack, most)
 
-    def _place_m(self) -> float:
+    @property
+    def place_m(self) -> float:
         return self.goal.tolerance_m + TOLERANCE_M
 
-    def _angle_rad(self) -> float:
+    @property
+    def angle_rad(self) -> float:
         """Bound of the change of roll, pitch and yaw as a vector, turned into body rates, at the goal's tolerance.
 
         Turns about z, y, x in a row differ from one turn by the same vector by terms of third order, and of second
@@ -155,11 +148,11 @@ class GoalPoses:
 
     def _cut(self, x: Array) -> bool:
         """Whether x is outside one of the balls, which then gets another tangent there."""
-        turn = self._rates @ (x[_ANGLES] - self.goal.body.rpy_rad)
+        turn = self.rates @ (x[_ANGLES] - self.goal.body.rpy_rad)
         outside = False
         for vector, most, cuts in (
-            (x[_PLACE], self._place_m(), self._place_cuts),
-            (turn, self._angle_rad(), self._angle_cuts),
+            (x[_PLACE], self.place_m, self._place_cuts),
+            (turn, self.angle_rad, self._angle_cuts),
         ):
             size = float(np.linalg.norm(vector))
             if size > (1.0 + _ROUND) * most:
@@ -169,11 +162,11 @@ class GoalPoses:
 
     def _program(self, grips: dict[int, Grip], low: Array, high: Array) -> PoseProgram:
         reach = reach_program(self.problem, grips, low, high, self.goal.body.position_m)
-        place, angle = np.array(self._place_cuts), np.array(self._angle_cuts) @ self._rates
+        place, angle = np.array(self._place_cuts), np.array(self._angle_cuts) @ self.rates
         rows = np.zeros((len(place) + len(angle), len(reach.low)))
         rows[: len(place), _PLACE] = place
         rows[len(place) :, _ANGLES] = angle
-        right = [np.full(len(place), self._place_m()), self._angle_rad() + angle @ self.goal.body.rpy_rad]
+        right = [np.full(len(place), self.place_m), self.angle_rad + angle @ self.goal.body.rpy_rad]
         rows, bounds = np.vstack([reach.rows, rows]), np.concatenate([reach.right, *right])
         return PoseProgram(reach.reach, rows, bounds, reach.low, reach.high)
 
