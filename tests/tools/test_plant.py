@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
@@ -48,6 +49,34 @@ def test_stands_for_ten_seconds_without_creep(standing: tuple[Plant, np.ndarray,
     assert np.linalg.norm(plant.data.qpos[:3] - [0, 0, BODY_HEIGHT_M]) < 0.01
     assert plant.limbs_on_holds().all()
     assert plant.link_contact_force_n == 0.0
+
+
+def test_a_grip_does_not_turn_away_under_a_moment_that_is_far_from_its_limit() -> None:
+    """Right front bears it at a fifth of what (2) allows, and yields to it as under force control. In a stance of 100 s
+    a pad may creep by a millimetre: a fifth of what counts as a slip.
+    """
+    plant, limb = make_plant(Wall(slope_deg=90.0)), 1
+    robot, controller = plant.robot, HoldingController(plant, 60.0)
+    joints = slice(6 * limb, 6 * limb + 6)
+    jacobian = np.zeros((6, plant.model.nv))
+
+    def bear(moment_g_nm: np.ndarray, seconds: float) -> np.ndarray:
+        for _ in range(round(seconds / plant.dt_s)):
+            controller.wanted_rad[joints] = plant.data.qpos[robot.joint_qpos[joints]]
+            torque, squeeze = controller.command()
+            site = robot.gripper_sites[limb]
+            mujoco.mj_jacSite(plant.model, plant.data, jacobian[:3], jacobian[3:], site)
+            moment = plant.data.site_xmat[site].reshape(3, 3) @ moment_g_nm
+            torque[joints] += jacobian[3:, robot.joint_dof[joints]].T @ moment
+            plant.step(torque, squeeze)
+        return plant.data.geom_xpos[robot.pad_geoms[2 * limb : 2 * limb + 2]].copy()
+
+    moment_g_nm = np.array([0.5, 0.3, 0.3])
+    bear(np.zeros(3), 1.0)
+    before = bear(moment_g_nm, 1.0)
+    crept_m = np.linalg.norm(bear(moment_g_nm, 2.0) - before, axis=1)
+    assert -plant.ft_true[6 * limb + 3] == pytest.approx(0.5, abs=0.05)
+    assert crept_m.max() < 2.0 * 1e-3 / 100
 
 
 def test_force_torque_is_the_world_on_the_hand_with_its_weight(standing: tuple[Plant, np.ndarray, np.ndarray]) -> None:
