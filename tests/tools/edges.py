@@ -10,7 +10,7 @@ from crux_tools.paths import SCENARIOS
 
 CONVEX, CONCAVE = (0.0, -30.0, 0.0), (0.0, 30.0, -0.02)  # arguments of edge()
 CONVEX_60 = (30.0, -30.0, 0.05, 0.07)
-CHIMNEY = (0.515, 0.185, 75.0)  # of chimney()
+CHIMNEY = (0.515, 0.235, 90.0)  # of chimney()
 SIZE_M = [1.0, 1.6]  # of each plane
 COLUMNS = {"left": 0.36, "right": -0.36}
 ROWS_M = (-0.14, 0.0, 0.14, 0.28)  # of holds along x

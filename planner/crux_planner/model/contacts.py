@@ -47,6 +47,11 @@ class SwingLimits:
     floor_m: float = 0.0  # of the plane z = 0
     slabs: Cuboids = NO_CUBOIDS  # behind bounded surfaces: the way is over these, too
 
+    def overhead_m(self, shape: GripperShape) -> float:
+        """Above it nothing is in the way of a gripper on a swing: no palm gets so near to it."""
+        highest_m = self.max_height_m + shape.finger_height + shape.pad_radius
+        return float(highest_m + shape.half_length(shape.largest_opening) + self.clearance_m)
+
     def over(self, feet_m: Array) -> SwingLimits:
         """Those of a swing between holds whose feet are at heights (n,)."""
         lowest_m = float(feet_m.min()) if len(feet_m) else 0.0

@@ -69,6 +69,13 @@ class Cuboids:
             return 2 * self.half_m[:, 2]
         return np.asarray(self._centre_h_m[:, 2] + (np.abs(self.rotation[:, 2]) * self.half_m).sum(axis=1))
 
+    @cached_property
+    def bottom_m(self) -> Array:
+        """Height of the lowest points, (V,)."""
+        if self.upright:
+            return self.foot_m[:, 2]
+        return np.asarray(self._centre_h_m[:, 2] - (np.abs(self.rotation[:, 2]) * self.half_m).sum(axis=1))
+
     def top_near(self, points_h: Array, reach_m: float) -> float:
         """Height of the highest point of those within `reach_m` of points (..., 3) in plan view, at least -inf; what is
         below the plane of a turned one's top counts as high as that.

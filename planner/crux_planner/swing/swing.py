@@ -187,17 +187,19 @@ def _clear_height(
         lowest = shape.finger_height * up - length * np.abs(along) - shape.pad_radius * np.abs(across)
         palm_m = float(lowest.min())
     own_top = cuboids.top_m[[contact.hold for contact in (start, end) if contact.hold >= 0]]
+    overhead_m, slabs = limits.overhead_m(shape), limits.slabs
     cuboids = cuboids.near(columns, limits.clearance_m)
+    cuboids, slabs = (each.some(each.bottom_m < overhead_m) for each in (cuboids, slabs))
     under = column_gap(fingers, cuboids) < limits.clearance_m
     beside = column_gap(columns, cuboids) < shape.pad_radius + limits.body_clearance_m
     top = cuboids.top_m
     height = max(float(own_top.max(initial=floor_m)), top[under].max(initial=floor_m)) + limits.clearance_m + finger_m
     # What the palm passes over, or stands beside, must be lower than the palm.
     height = max(height, (top[beside] + limits.body_clearance_m - palm_m).max(initial=floor_m))
-    if len(limits.slabs.yaw_rad):
-        height = max(height, limits.slabs.top_near(fingers, limits.clearance_m) + limits.clearance_m + finger_m)
+    if len(slabs.yaw_rad):
+        height = max(height, slabs.top_near(fingers, limits.clearance_m) + limits.clearance_m + finger_m)
         beside_m = shape.pad_radius + limits.body_clearance_m
-        height = max(height, limits.slabs.top_near(columns, beside_m) + limits.body_clearance_m - palm_m)
+        height = max(height, slabs.top_near(columns, beside_m) + limits.body_clearance_m - palm_m)
     return float(height + HEIGHT_RESERVE_M) if height + HEIGHT_RESERVE_M <= limits.max_height_m else None
 
 
@@ -207,10 +209,11 @@ def _candidate_ways(
     """The straight way, and ways around each cuboid that it meets and cannot pass over, best first."""
     a, b = start.centre_h_m[:2], end.centre_h_m[:2]
     swings: list[list[Array]] = [[]]
-    tall = np.flatnonzero(cuboids.top_m + limits.clearance_m + HEIGHT_RESERVE_M > limits.max_height_m)
+    tall = cuboids.top_m + limits.clearance_m + HEIGHT_RESERVE_M > limits.max_height_m
+    tall &= cuboids.bottom_m < limits.overhead_m(shape)
     line = a + np.linspace(0, 1, 21)[:, None] * (b - a)
     length, width = float(shape.half_length(max(start.open_m, end.open_m))), shape.pad_radius
-    for v in tall:
+    for v in np.flatnonzero(tall):
         if cuboids.plan_distance(line)[:, v].min() > length + limits.body_clearance_m:
             continue
         c, s = np.cos(cuboids.yaw_rad[v]), np.sin(cuboids.yaw_rad[v])

@@ -75,6 +75,25 @@ def test_it_passes_over_an_edge_between_the_holds() -> None:
     assert high.stations[:, 2].min() > low.stations[:, 2].min() + 0.01
 
 
+@pytest.mark.parametrize("roll_rad", [0.0, np.pi])
+def test_a_wall_far_across_is_not_in_the_way(roll_rad: float) -> None:
+    """A slab 0.1 m thick whose lower side is 0.5 m above the holds' feet, or so low that no palm fits under it."""
+    limits = replace(LIMITS, max_height_m=0.16, endless=False)
+    feet = [np.zeros(3), np.array([0.14, 0.0, 0.0])]
+
+    def under(lower_m: float) -> Swing | None:
+        foot = lower_m + (0.1 if roll_rad else 0.0)
+        half, tilt = np.array([[0.5, 0.5, 0.05]]), np.array([[roll_rad, 0.0]])
+        slab = Cuboids(np.array([[0.07, 0.0]]), half, np.zeros(1), tilt, np.array([foot]))
+        return way(about_y(10.0, 10.0), feet, slab, limits)
+
+    free, found = way(about_y(10.0, 10.0), feet, NO_CUBOIDS, limits), under(0.5)
+    assert free is not None
+    assert found is not None
+    assert found.stations == pytest.approx(free.stations)
+    assert under(0.12) is None
+
+
 @pytest.mark.parametrize(("endless", "high_m", "there"), [(True, 0.0, True), (True, 0.1, False), (False, 0.1, True)])
 def test_the_height_of_swings_counts_from_an_endless_plane_or_from_the_holds(
     endless: bool, high_m: float, there: bool
