@@ -42,6 +42,9 @@ BENCHES = {
         f"{_HERE}.hold_fields",
         "--count 5 --seed 101",
     ),
+    "walls": Bench(
+        "plan and climb walls of edges, corners, boards and boulders", f"{_HERE}.many_walls", "my-wall.yaml --limit 30"
+    ),
     "routes": Bench(
         "plan routes over 16 to 100 holds, with CPU time and J",
         f"{_HERE}.routes",
