@@ -45,6 +45,17 @@ def edge(lower_deg: float, upper_deg: float, edge_z_m: float = 0.0, edge_x_m: fl
     return _scene(surfaces, holds, "edge")
 
 
+def over_a_ledge() -> dict[str, Any]:
+    """A round down a vertical wall, from above a ledge under the trunk to beside it, where the body ends lower."""
+    scene = edge(0.0, 0.0)
+    top_m = 0.155
+    ledge = {"pose": {"position_m": [0.41, 0.0, top_m]}, "size_m": [0.38, 0.2], "depth_m": top_m}
+    scene["surfaces"].append({"name": "ledge", "rectangle": ledge})
+    scene["start"], scene["goal"] = scene["goal"], scene["start"]
+    scene["start"]["body"]["position_m"], scene["goal"]["body"]["position_m"] = [0.14, 0.0, 0.2], [0.0, 0.0, 0.17]
+    return scene
+
+
 def chimney(half_m: float, z_m: float, roll_deg: float) -> dict[str, Any]:
     """A vertical climb of one round between two walls so far left and right of the body, turned towards each other by
     an angle out of W's plane, with nothing behind: their middles at z.

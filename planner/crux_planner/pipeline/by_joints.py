@@ -44,6 +44,7 @@ _OUT_S = 1.0  # about a moment at which a limb is out of reach
 _MOST_APART_M = 0.012  # from where the path is kept to
 _SAME_SHARE = 0.15  # of an interval, within which moments are one
 _UNREACHED = ("inverse_kinematics", "inverse_kinematics_orientation")
+_OFF_SURFACES = ("clearance_body", "clearance_link")  # answered where there are bounded ones
 _ANSWERED = ("joint_position", *_UNREACHED, "clearance_limbs")
 _STRETCHED_RAD = 0.02  # off a straight elbow where the check finds a gripper beyond reach
 _ALONG_M = 0.02  # of the map's path, where limbs have no closed form
@@ -87,7 +88,8 @@ def solve_by_joints(
         refused = _worst(report, problem.dt_s)
         work.log(f"{refused_by(report)}; once more with less of those joints or of their reach")
         seen = partial(_moment, PlanReference(message), problem, solution.body)
-        answer, others = _answered(limits, report, seen, clear)
+        by_path = _OFF_SURFACES if problem.surfaces.names else ()
+        answer, others = _answered(limits, report, seen, clear, by_path)
         if any(each.constraint == "clearance_limbs" for each in report.violations):
             answer = functions.nearer(answer, schedule, begun.path, solution.body)
         again = (answer.near_m != limits.near_m).any()
@@ -142,10 +144,14 @@ def _moment(plan: PlanReference, problem: Problem, body: Array, time_s: float) -
 
 
 def _answered(
-    limits: JointLimits, report: CheckReport, seen: Callable[[float], tuple[Moment, Array]], clear: Clear
+    limits: JointLimits,
+    report: CheckReport,
+    seen: Callable[[float], tuple[Moment, Array]],
+    clear: Clear,
+    by_path: tuple[str, ...],
 ) -> tuple[JointLimits, list[Violation]]:
     """Limits under which joints and links may pass, and the violations that limits do not answer; `seen` is what there
-    is at a time, and the body's pose.
+    is at a time, and the body's pose; those of constraints `by_path` are answered by keeping the body near its path.
     """
     others, moments, near_m = list[Violation](), list(limits.moments), limits.near_m.copy()
     unreached = [each.time_s for each in report.violations if each.constraint in _UNREACHED and each.time_s is not None]
@@ -153,6 +159,10 @@ def _answered(
         beside = each.time_s is not None and any(abs(each.time_s - time_s) <= _OUT_S for time_s in unreached)
         if beside and each.constraint not in _ANSWERED:
             continue  # of a posture that is none: to be seen where the limb reaches
+        if each.time_s is not None and each.constraint in by_path:
+            if not _kept_nearer(near_m, seen(each.time_s)[0].interval):
+                others.append(each)
+            continue
         if each.time_s is None or each.constraint not in _ANSWERED:
             others.append(each)
             continue
@@ -167,13 +177,20 @@ def _answered(
         if known is None or known.off is None:  # or found a moment ago
             moments[number : number + 1] = [here]
             continue
-        if each.constraint == "clearance_limbs" and known.apart_m >= _MOST_APART_M:
-            about = slice(max(0, here.interval - 2), here.interval + 4)
-            if (near_m[about] < _NEAR_M).all():
-                others.append(each)
-            near_m[about] = np.minimum(near_m[about], np.where(np.isfinite(near_m[about]), _NEAR_M / 4, _NEAR_M))
+        far = each.constraint == "clearance_limbs" and known.apart_m >= _MOST_APART_M
+        if far and not _kept_nearer(near_m, here.interval):
+            others.append(each)
         moments[number] = _farther(known, here, each)
     return replace(limits, moments=tuple(moments), near_m=near_m), others
+
+
+def _kept_nearer(near_m: Array, interval: int) -> bool:
+    """Whether the body can be kept nearer to its first path about an interval; then it is, in `near_m`."""
+    about = slice(max(0, interval - 2), interval + 4)
+    if (near_m[about] < _NEAR_M).all():
+        return False
+    near_m[about] = np.where(np.isfinite(near_m[about]), _NEAR_M / 4, _NEAR_M)
+    return True
 
 
 def _farther(known: Moment, here: Moment, violation: Violation) -> Moment:

@@ -24,6 +24,7 @@ from crux_planner.reach.body_grid import BodyGrid
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.protocol import Reach as LimbMap
 from crux_planner.reach.solids import Links
+from crux_planner.reach.trunk_clearance import off_slabs
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.hull import sides_of
 
@@ -56,7 +57,7 @@ def grid_about(problem: Problem, step_m: float, step_rad: float, pad_m: float, p
 
 class PoseMasks:
     """Masks of one problem over one grid, each made once; joints keep `margin_rad` off their limits, links `clear_m`
-    off the trunk and other limbs'.
+    off the trunk and other limbs', and the trunk off bounded surfaces.
     """
 
     def __init__(
@@ -77,16 +78,21 @@ class PoseMasks:
         """Cells about the body's first pose."""
         return self._near(self.problem.start.position_m, 0.0, 1)
 
+    @cached_property
+    def _off_surfaces(self) -> Flags:
+        """Where the trunk keeps off bounded surfaces."""
+        return off_slabs(self.grid, self.reaches[0].keep_off.trunk, self.problem.surfaces.slabs, self.clear_m)
+
     def at(self, contact: int) -> Gripper:
         """A gripper that holds on."""
         return gripper(self.problem.contacts[contact].pose)
 
     def held(self, limb: int, there: Gripper) -> Flags:
-        """From where a limb has its gripper there, links off the trunk."""
+        """From where a limb has its gripper there, links off the trunk, and that off surfaces."""
         key = limb, there
         if key not in self._held:
-            mask = self._reached(limb, self.grid.seen(np.array(there)))
-            self._held[key] = np.broadcast_to(mask, self.grid.shape)
+            mask = np.broadcast_to(self._reached(limb, self.grid.seen(np.array(there))), self.grid.shape)
+            self._held[key] = mask & self._off_surfaces if self.problem.surfaces.names else mask
         return self._held[key]
 
     def held_within(self, mask: Flags, limb: int, there: Gripper) -> Flags:

@@ -36,7 +36,7 @@ from crux_planner.trajectory.stage_functions import POSE, Between, StageFunction
 ELBOW = 2  # number of the joint that is straight in a stretched limb
 STRETCH_M = 0.004  # that wrists keep off where elbows are as straight as they may be: little of an angle
 _SOFT = 1e-4  # sin^2 of joint 3 below which the elbow is rounded off, so that it is smooth beyond a stretched limb
-_PATH_YAW_RAD_M = 3.0  # heading that counts as a metre where the body keeps near its first path
+_PATH_RAD_M = 3.0  # turn that counts as a metre where the body keeps near its first path
 _MOVES = [0, 1, 5]  # states of the body that follow the path: x, y, yaw
 
 
@@ -175,13 +175,16 @@ class JointFunctions(StageFunctions):
     def body_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
         """As usual, and near the path at knots at which limbs would be in each other's way elsewhere."""
         low, high = body_bounds(problem, schedule)
+        level = not problem.surfaces.names  # where there are bounded surfaces, height and tilt keep the trunk off them
+        moves = np.array(_MOVES if level else range(POSE))
+        per_m = np.where(moves < 3, 1.0, _PATH_RAD_M)
         for k in np.flatnonzero(np.isfinite(self.limits.near_m))[:-1].tolist():
             if k < 2:
                 continue
-            half = self.limits.near_m[k] * np.array([1.0, 1.0, _PATH_YAW_RAD_M])
-            at = np.clip(self.limits.path[k, _MOVES], low[k, _MOVES], high[k, _MOVES])
-            low[k, _MOVES] = np.maximum(low[k, _MOVES], at - half)
-            high[k, _MOVES] = np.minimum(high[k, _MOVES], at + half)
+            half = self.limits.near_m[k] * per_m
+            at = np.clip(self.limits.path[k, moves], low[k, moves], high[k, moves])
+            low[k, moves] = np.maximum(low[k, moves], at - half)
+            high[k, moves] = np.minimum(high[k, moves], at + half)
         return low, high
 
     def reach_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from crux_contracts.scenario import ScenarioError
 from crux_msgs import plan_t
 from crux_planner.checker import check_plan
 from crux_planner.pipeline.message import PlanResult
-from edges import CHIMNEY, CONCAVE, CONVEX, chimney, edge
+from edges import CHIMNEY, CONCAVE, CONVEX, chimney, edge, over_a_ledge
 
 ROBOT = load_robot("scaler")
 LF = 0
@@ -76,6 +76,16 @@ def test_limbs_hold_walls_that_face_each_other() -> None:
     assert check_plan(plan, ROBOT).ok
     highest_m = max(limb.gripper_position_w_m[2] for knot in plan.knots for limb in knot.limbs)
     assert highest_m > ROBOT.grasp.max_swing_height_m  # which is about swings over an endless plane
+
+
+def test_the_trunk_keeps_off_a_ledge_until_it_is_beside_it() -> None:
+    """The trunk reaches 0.15 m ahead and 0.03 m down; the ledge begins at x = 0.22 m."""
+    plan = crux_planner.plan(over_a_ledge(), ROBOT).plan
+    over = [knot.body_position_w_m[2] for knot in plan.knots if knot.body_position_w_m[0] + 0.15 > 0.225]
+    assert len(over) > 2
+    assert min(over) > 0.155 + 0.03
+    assert plan.knots[-1].body_position_w_m[2] < 0.18
+    assert violations(plan, 2, [0.0, 0.0, 0.0]) == set()
 
 
 @pytest.mark.parametrize(
