@@ -192,7 +192,8 @@ void crux_link_init(crux_link *link, uint8_t kind, uint8_t limb, uint8_t node, u
   link->node = node;
   link->parameter_hash = parameter_hash;
   // Heartbeats of a bus are spread over the period, so that they never load one cycle all at once.
-  link->heartbeat_us = (CRUX_HEARTBEAT_PERIOD_US / (CRUX_CAN_NODES)) * node;
+  const uint32_t apart_us = CRUX_HEARTBEAT_PERIOD_US / CRUX_CAN_NODE_GRIPPER;
+  link->heartbeat_us = (node <= CRUX_CAN_NODE_GRIPPER) ? (apart_us * node) : (apart_us / 2U);
   send_identity(link);
   crux_link_event(link, (uint8_t)CRUX_CAUSE_RESTARTED, CRUX_FIRMWARE_VERSION);
 }
@@ -205,7 +206,8 @@ void crux_link_hear_host(crux_link *link, const crux_frame *frame) {
       crux_e2e_is_usable(crux_e2e_check(frame->id, frame->data, frame->length, &receiver))) {
     struct crux_can_host_heartbeat_t heartbeat;
     (void)crux_can_host_heartbeat_unpack(&heartbeat, frame->data, frame->length);
-    link->identity_asked = link->identity_asked || (heartbeat.identify == link->node);
+    const bool asked = crux_link_is_asked(heartbeat.identify, link->node);
+    link->identity_asked = link->identity_asked || asked;
   }
 }
 

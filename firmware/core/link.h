@@ -62,6 +62,12 @@ typedef struct crux_link {
 /// Starts the node's life on the bus: queues its identity and the emergency RESTARTED.
 void crux_link_init(crux_link *link, uint8_t kind, uint8_t limb, uint8_t node, uint32_t parameter_hash);
 
+/// Whether a HostHeartbeat that asks for the identity of node `asked` asks this one: its three bits do not reach node
+/// 8, which answers when the gripper is asked.
+static inline bool crux_link_is_asked(uint8_t asked, uint8_t node) {
+  return (asked != 0U) && (asked == ((node < (uint8_t)CRUX_CAN_NODE_GRIPPER) ? node : (uint8_t)CRUX_CAN_NODE_GRIPPER));
+}
+
 /// A HostHeartbeat may ask this node who it is; it answers in its next tick. Anything else is for somebody else.
 void crux_link_hear_host(crux_link *link, const crux_frame *frame);
 

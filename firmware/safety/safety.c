@@ -184,7 +184,7 @@ uint8_t crux_joint_command_accept(const crux_frame *frame, const crux_joint_para
 uint8_t crux_joint_broadcast_accept(const crux_frame *frame, uint8_t node, const crux_joint_parameters *parameters,
                                     crux_joint_command *command) {
   uint8_t cause = (uint8_t)CRUX_CAUSE_INVALID_COMMAND;
-  if (frame->length == (uint8_t)CRUX_CAN_LENGTH_BROADCAST) {
+  if ((frame->length == (uint8_t)CRUX_CAN_LENGTH_BROADCAST) && (node <= (uint8_t)CRUX_CAN_BROADCAST_JOINTS)) {
     const uint32_t first = CRUX_CAN_OFFSET_BROADCAST_JOINT + (CRUX_CAN_LENGTH_BROADCAST_JOINT * ((uint32_t)node - 1U));
     struct crux_can_broadcast_joint_t raw;
     (void)crux_can_broadcast_joint_unpack(&raw, &frame->data[first], CRUX_CAN_LENGTH_BROADCAST_JOINT);

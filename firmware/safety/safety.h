@@ -96,8 +96,8 @@ uint8_t crux_joint_command_accept(const crux_frame *frame, const crux_joint_para
 uint8_t crux_gripper_command_accept(const crux_frame *frame, const crux_gripper_parameters *parameters,
                                     crux_gripper_command *command);
 
-/// As above, of a broadcast's part for a joint (1..CRUX_CAN_JOINTS) and for the gripper. Frames of another length are
-/// INVALID_COMMAND too.
+/// As above, of a broadcast's part for a joint and for the gripper. Frames of another length are INVALID_COMMAND
+/// too, and all for nodes above CRUX_CAN_BROADCAST_JOINTS, which have no part.
 uint8_t crux_joint_broadcast_accept(const crux_frame *frame, uint8_t node, const crux_joint_parameters *parameters,
                                     crux_joint_command *command);
 uint8_t crux_gripper_broadcast_accept(const crux_frame *frame, const crux_gripper_parameters *parameters,

@@ -162,7 +162,7 @@ void crux_service_init(crux_service *service, uint8_t node, uint32_t version, ui
                   (uint16_t)CRUX_CAN_ID_JOINT_RESPONSE(node));
   const crux_parameter *table = crux_gripper_parameter_table;
   uint8_t count = (uint8_t)CRUX_GRIPPER_PARAMETERS;
-  if (node <= CRUX_CAN_JOINTS) {
+  if (node != CRUX_CAN_NODE_GRIPPER) {
     table = crux_joint_parameter_table;
     count = (uint8_t)CRUX_JOINT_PARAMETERS;
   }

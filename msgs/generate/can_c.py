@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import copy
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cantools
 from cantools.database.can import Database, Message, Signal
 from cantools.database.can.c_source import camel_to_snake_case, generate
 from crux_contracts import N_LIMBS
-from crux_contracts.can_codec import GRIPPER_NODE, JOINTS
+from crux_contracts.can_codec import GRIPPER_NODE, JOINT_NODES, NODES
 
 PREFIX = "crux_can"
 BROADCAST = "Broadcast"
@@ -31,12 +31,14 @@ class CanDatabaseError(Exception):
 class Kind:
     """One layout. `base` is the identifier without the node; joint messages have identifier base + node.
 
-    A part of the broadcast command begins at byte `offset` of it; of joints there is one every `message.length` bytes.
+    A part of the broadcast command begins at byte `offset` of it; of joints there are `count`, one every
+    `message.length` bytes.
     """
 
     message: Message
     is_joint: bool
     offset: int | None = None
+    count: int = 1
 
 
 def _layout(message: Message) -> tuple[object, ...]:
@@ -73,7 +75,7 @@ def load(path: Path) -> Database:
 
 
 def collapse(database: Database) -> list[Kind]:
-    """Messages with Joint1X .. Joint6X folded into one JointX whose identifier is the one of node 0."""
+    """Messages with Joint1X, Joint2X ... folded into one JointX whose identifier is the one of node 0."""
     kinds: list[Kind] = []
     joints: dict[str, list[Message]] = {}
     for message in database.messages:
@@ -84,15 +86,17 @@ def collapse(database: Database) -> list[Kind]:
         group = joints.setdefault(match.group(2), [])
         group.append(message)
         node = int(match.group(1))
-        if node != len(group) or message.frame_id != group[0].frame_id + node - 1:
-            raise CanDatabaseError(f"{message.name}: nodes and identifiers must both count upwards by one")
+        if node != JOINT_NODES[len(group) - 1] or message.frame_id != group[0].frame_id + node - 1:
+            raise CanDatabaseError(
+                f"{message.name}: nodes and identifiers must both count upwards, without the gripper's"
+            )
         if _layout(message) != _layout(group[0]):
             raise CanDatabaseError(f"{message.name}: its layout differs from {group[0].name}'s")
     for message in [kind.message for kind in kinds if kind.message.name == BROADCAST]:
         kinds += _parts(message)
     for name, group in joints.items():
-        if len(group) != JOINTS:
-            raise CanDatabaseError(f"Joint*{name}: {len(group)} messages for {JOINTS} joints")
+        if len(group) != len(JOINT_NODES):
+            raise CanDatabaseError(f"Joint*{name}: {len(group)} messages for {len(JOINT_NODES)} joints")
         first = group[0]
         first.name = f"Joint{name}"
         first.frame_id -= 1
@@ -117,27 +121,28 @@ def _part(message: Message, name: str, signals: dict[str, Signal], byte: int, en
 
 def _parts(message: Message) -> list[Kind]:
     """Header, joint and gripper of the broadcast command. Joints follow the header at equal distances, alike."""
-    joints: list[dict[str, Signal]] = [{} for _ in range(JOINTS)]
+    joints: dict[int, dict[str, Signal]] = {}
     gripper: dict[str, Signal] = {}
     header: dict[str, Signal] = {}
     for signal in message.signals:
         if match := _JOINT_SIGNAL.fullmatch(signal.name):
-            joints[int(match.group(1)) - 1][match.group(2)] = signal
+            joints.setdefault(int(match.group(1)), {})[match.group(2)] = signal
         elif match := _GRIPPER_SIGNAL.fullmatch(signal.name):
             gripper[match.group(1)] = signal
         else:
             header[signal.name] = signal
-    starts = [min(signal.start for signal in joint.values()) // 8 for joint in joints]
+    starts = [min(signal.start for signal in joint.values()) // 8 for joint in joints.values()]
     first, length = starts[0], starts[1] - starts[0]
-    end = first + JOINTS * length
+    end = first + len(joints) * length
     kinds = [
-        _part(message, "Joint", joint, first + i * length, first + (i + 1) * length) for i, joint in enumerate(joints)
+        _part(message, "Joint", joint, first + i * length, first + (i + 1) * length)
+        for i, joint in enumerate(joints.values())
     ]
     if any(_layout(kind.message) != _layout(kinds[0].message) for kind in kinds):
         raise CanDatabaseError(f"{message.name}: the joints' layouts differ")
     return [
         _part(message, "Header", header, 0, first),
-        kinds[0],
+        replace(kinds[0], count=len(kinds)),
         _part(message, "Gripper", gripper, end, message.length),
     ]
 
@@ -176,6 +181,8 @@ def identifiers(kinds: list[Kind], database: Database) -> str:
         name = _snake(kind.message.name).upper()
         if kind.offset is not None:
             lines.append(f"#define CRUX_CAN_OFFSET_{name} {kind.offset}u")
+            if kind.count > 1:
+                lines.append(f"#define CRUX_CAN_{name}S {kind.count}u // a broadcast has room for")
         elif kind.is_joint:
             lines.append(f"#define CRUX_CAN_ID_{name}_BASE 0x{kind.message.frame_id:03X}u")
             lines.append(f"#define CRUX_CAN_ID_{name}(node) (CRUX_CAN_ID_{name}_BASE + (uint32_t)(node))")
@@ -197,11 +204,14 @@ def identifiers(kinds: list[Kind], database: Database) -> str:
 
 #define CRUX_CAN_PROTOCOL_VERSION {protocol}u
 #define CRUX_CAN_LIMBS {N_LIMBS}u // each with a bus of its own
-#define CRUX_CAN_JOINTS {JOINTS}u // nodes 1 .. CRUX_CAN_JOINTS, from the shoulder outwards
+#define CRUX_CAN_JOINTS {len(JOINT_NODES)}u // of a limb at most
 #define CRUX_CAN_NODE_GRIPPER {GRIPPER_NODE}u
+// Joints have the nodes 1 .. CRUX_CAN_NODES but the gripper's, from the shoulder outwards; they count from 0.
+#define CRUX_CAN_NODE_OF_JOINT(joint) ((joint) + (((joint) + 1u < CRUX_CAN_NODE_GRIPPER) ? 1u : 2u))
+#define CRUX_CAN_JOINT_OF_NODE(node) ((node) - (((node) < CRUX_CAN_NODE_GRIPPER) ? 1u : 2u))
 // Bit of a status' Faults that a cause has: n - 1, and of causes 11, 12, 13 the bits of 2, 3, 8, which are events.
 #define CRUX_CAN_FAULT_BIT(cause) (1u << ((cause) - (((cause) > 12u) ? 6u : ((cause) > 10u) ? 10u : 1u)))
-#define CRUX_CAN_NODES {GRIPPER_NODE}u
+#define CRUX_CAN_NODES {NODES}u
 #define CRUX_CAN_MAX_LENGTH {longest}u
 
 {defines}

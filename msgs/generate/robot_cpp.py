@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from crux_contracts import LIMB_NAMES, N_LIMBS, robot_bounds
 from crux_contracts.reading import MAX_TEXT, OTHER_UNITS
-from crux_contracts.robot_bounds import JOINTS
+from crux_contracts.robot_bounds import MOST_JOINTS
 from crux_contracts.yaml_document import MAX_BYTES, MAX_DEPTH
 
 from .robot_keys import NAMES, RANGES, Key, RobotKeys, Section
@@ -114,7 +114,7 @@ namespace crux_msgs::robot {{
 
 {_bounds()}
 
-using PerJoint = std::array<double, {JOINTS}>;  ///< shoulder outwards
+using PerJoint = std::array<double, {MOST_JOINTS}>;  ///< shoulder outwards
 
 struct Interval {{
   double low = 0.0;
@@ -123,7 +123,7 @@ struct Interval {{
 
 /// Numbers on the bus.
 struct Nodes {{
-  std::array<int, {JOINTS}> joints{{}};
+  std::array<int, {MOST_JOINTS}> joints{{}};
   int gripper = 0;
 }};
 

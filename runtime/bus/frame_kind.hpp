@@ -34,7 +34,8 @@ constexpr std::array<FrameMeaning, kStandardIds> make_frame_meanings() {
   table[CRUX_CAN_ID_SYNC] = {FrameKind::kFromHost, 0, CRUX_CAN_LENGTH_SYNC};
   table[CRUX_CAN_ID_BROADCAST] = {FrameKind::kFromHost, 0, CRUX_CAN_LENGTH_BROADCAST};
   table[CRUX_CAN_ID_HOST_HEARTBEAT] = {FrameKind::kFromHost, 0, CRUX_CAN_LENGTH_HOST_HEARTBEAT};
-  for (std::uint8_t node = 1; node <= CRUX_CAN_JOINTS; ++node) {
+  for (std::uint8_t node = 1; node <= CRUX_CAN_NODES; ++node) {
+    if (node == CRUX_CAN_NODE_GRIPPER) continue;
     table[CRUX_CAN_ID_JOINT_COMMAND(node)] = {FrameKind::kFromHost, node, CRUX_CAN_LENGTH_JOINT_COMMAND};
     table[CRUX_CAN_ID_JOINT_STATUS(node)] = {FrameKind::kJointStatus, node, CRUX_CAN_LENGTH_JOINT_STATUS};
     table[CRUX_CAN_ID_JOINT_EMERGENCY(node)] = {FrameKind::kEmergency, node, CRUX_CAN_LENGTH_JOINT_EMERGENCY};

@@ -31,15 +31,17 @@ LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames)
   if (robot.can.nodes.gripper != static_cast<int>(CRUX_CAN_NODE_GRIPPER))
     throw BusError("robot '" + robot.name + "': can.nodes.gripper is " + std::to_string(robot.can.nodes.gripper) +
                    ", the CAN database has the gripper at node " + std::to_string(CRUX_CAN_NODE_GRIPPER));
+  if (frames == CommandFrames::kBroadcast) check_broadcast_joints(robot, driven_);
   joint_of_node_.fill(-1);
   silence_.fill(silent_cycles_ + 1);  // until they are heard
   streams_.fill(StreamWatch(silent_cycles_));
   for (std::size_t joint = 0; joint < driven_; ++joint) {
     const int node = robot.can.nodes.joints[joint];
-    if (node < 1 || node > static_cast<int>(CRUX_CAN_JOINTS) || joint_of_node_[static_cast<std::size_t>(node)] >= 0)
+    if (node < 1 || node > static_cast<int>(CRUX_CAN_NODES) || node == static_cast<int>(CRUX_CAN_NODE_GRIPPER) ||
+        joint_of_node_[static_cast<std::size_t>(node)] >= 0)
       throw BusError("robot '" + robot.name + "': can.nodes gives joint " + std::to_string(joint + 1) + " node " +
-                     std::to_string(node) + ", right are the nodes 1 to " + std::to_string(CRUX_CAN_JOINTS) +
-                     ", each once");
+                     std::to_string(node) + ", right are the nodes 1 to " + std::to_string(CRUX_CAN_NODES) +
+                     " but the gripper's, each once");
     node_of_joint_[joint] = static_cast<std::uint8_t>(node);
     joint_of_node_[static_cast<std::size_t>(node)] = static_cast<int>(joint);
     nodes_ |= 1U << static_cast<unsigned>(node);

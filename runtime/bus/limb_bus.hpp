@@ -1,4 +1,4 @@
-// What one limb's seven nodes are told and what they answer: frames with end-to-end protection on one side, a slice of
+// What one limb's nodes are told and what they answer: frames with end-to-end protection on one side, a slice of
 // control_input_t and control_output_t on the other. Owns no socket and reads no clock.
 #pragma once
 
@@ -40,8 +40,9 @@ enum class CommandFrames : std::uint8_t {
   kBroadcast,  ///< one frame for all, which is the Sync as well
 };
 
-/// @throws BusError where a broadcast cannot carry the joint's gains
+/// @throws BusError where a broadcast cannot carry the joint's gains, or so many joints
 void check_broadcast_gains(const RobotDescription& robot, std::size_t joint);
+void check_broadcast_joints(const RobotDescription& robot, std::size_t joints);
 
 class LimbBus {
  public:
@@ -68,7 +69,7 @@ class LimbBus {
   /// turn. Who was silent for longer than silent_cycles, or has restarted, is asked again.
   [[nodiscard]] bool identified() const noexcept { return (nodes_ & ~identified_nodes_) == 0; }
 
-  /// What is known of a node (1..7), as in status_t; one that the limb does not have is well.
+  /// What is known of a node (1..8), as in status_t; one that the limb does not have is well.
   [[nodiscard]] std::int8_t node_state(std::uint8_t node) const noexcept;
 
   /// All nodes and the F/T sensor have answered the awaited cycle.
@@ -91,7 +92,7 @@ class LimbBus {
   [[nodiscard]] const LimbStatistics& statistics() const noexcept { return statistics_; }
 
  private:
-  static constexpr std::uint32_t kForceTorqueBit = 0;  // bits 1..7 are the nodes
+  static constexpr std::uint32_t kForceTorqueBit = 0;  // bits 1..8 are the nodes
   static constexpr std::size_t kMaxFrames = 2 + CRUX_CAN_NODES;
 
   Frame& next(std::uint32_t id, std::uint8_t length) noexcept;

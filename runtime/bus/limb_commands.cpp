@@ -1,4 +1,5 @@
 // What a limb's nodes are told: the sending half of LimbBus.
+#include <algorithm>
 #include <limits>
 #include <string>
 
@@ -7,6 +8,13 @@
 #include "crux_can.h"
 
 namespace crux {
+
+void check_broadcast_joints(const RobotDescription& robot, std::size_t joints) {
+  if (joints > CRUX_CAN_BROADCAST_JOINTS)
+    throw BusError("robot '" + robot.name + "' has " + std::to_string(joints) +
+                   " joints a limb, a broadcast has room for " + std::to_string(CRUX_CAN_BROADCAST_JOINTS) +
+                   ": use --commands each");
+}
 
 /// A broadcast has 8 bits for a gain: none may be cut off, and none that holds the joint may become zero.
 void check_broadcast_gains(const RobotDescription& robot, std::size_t joint) {
@@ -40,7 +48,8 @@ void LimbBus::add_heartbeat(const HostHeartbeat& heartbeat) noexcept {
   message.uptime_ms = heartbeat.uptime_ms;
   for (std::size_t n = 0; n < CRUX_CAN_NODES && message.identify == 0 && !identified(); ++n) {
     asked_node_ = static_cast<std::uint8_t>(asked_node_ % CRUX_CAN_NODES + 1);
-    if ((nodes_ & ~identified_nodes_) >> asked_node_ & 1U) message.identify = asked_node_;
+    if ((nodes_ & ~identified_nodes_) >> asked_node_ & 1U)
+      message.identify = std::min<std::uint8_t>(asked_node_, CRUX_CAN_NODE_GRIPPER);  // node 8 answers with it
   }
   crux_can_host_heartbeat_pack(frame.data.data(), &message, frame.length);
   protect(frame);

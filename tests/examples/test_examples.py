@@ -123,7 +123,7 @@ def nodes_with_a_joint_that_turns(port: int) -> Iterator[None]:
     robot = load_robot("scaler")
     buses = [f"udp:{BUS_GROUP}:{port}", "memory:", "memory:", "memory:"]
     joints, grippers = crux_nodes.joint_parameters(robot), crux_nodes.gripper_parameters(robot)
-    angle = np.array([(joint.lower + joint.upper) / 2 for limb in robot.limbs for joint in limb.joints])
+    angle = np.array([(joint.position_min_rad + joint.position_max_rad) / 2 for joint in joints])
     zero, opening = np.zeros(crux_nodes.JOINTS), np.full(4, 0.03)
     ended = threading.Event()
     with crux_nodes.Nodes(built("firmware/libcrux_nodes.so"), buses, joints, grippers) as nodes:

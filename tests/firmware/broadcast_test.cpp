@@ -36,6 +36,10 @@ TEST(Broadcast, EveryJointTakesItsOwnPart) {
   }
 }
 
+TEST(Broadcast, HasNoPartForASeventhJoint) {
+  accepted({.joint = {}, .gripper = {}}, CRUX_CAN_NODE_OF_JOINT(6U), CRUX_CAUSE_INVALID_COMMAND);
+}
+
 TEST(Broadcast, AJointsPartIsJudgedAsACommandOfItsOwn) {
   EXPECT_EQ(accepted({.joint = {.position_rad = -3.0F, .velocity_rad_s = 5.0F, .torque_Nm = 20.0F}}, kJoint).torque_Nm,
             10.0F);

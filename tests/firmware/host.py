@@ -12,7 +12,6 @@ import crux_nodes
 import numpy as np
 from crux_contracts import can_codec
 from crux_contracts.robot import Robot
-from crux_contracts.robot_bounds import JOINTS
 from crux_simulation.sim.ports import BUS_GROUP, run_ports
 from crux_tools.paths import built
 
@@ -61,7 +60,7 @@ class Host:
     def send_cycle(self, cycle: int, joint: can_codec.Values, gripper: can_codec.Values) -> None:
         """The same commands to every joint and gripper, then the Syncs."""
         for limb in range(LIMBS):
-            for node in range(1, JOINTS + 1):
+            for node in can_codec.JOINT_NODES:
                 self.send(limb, "JointCommand", joint, node)
             self.send(limb, "GripperCommand", gripper)
             self.send(limb, "Sync", {"Cycle": cycle})

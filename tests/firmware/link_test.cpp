@@ -46,7 +46,7 @@ TEST(Link, HeartbeatIsTenAsecondWhateverTheTick) {
 
 TEST(Link, NodesOfABusDoNotBeatInTheSameCycle) {
   std::map<int, int> beats;
-  for (std::uint8_t number = 1; number <= 7; ++number) {
+  for (std::uint8_t number = 1; number <= CRUX_CAN_NODES; ++number) {
     crux_link link{};
     crux_link_init(&link, CRUX_KIND_JOINT, 0, number, 0);
     for (int i = 0; i < 50; ++i) {
@@ -60,7 +60,26 @@ TEST(Link, NodesOfABusDoNotBeatInTheSameCycle) {
     EXPECT_LE(count, 1) << "tick " << tick;
     total += count;
   }
-  EXPECT_EQ(total, 7);
+  EXPECT_EQ(total, static_cast<int>(CRUX_CAN_NODES));
+}
+
+TEST(Link, ANodeIsAskedByItsNumberAndNodeEightWithTheGripper) {
+  for (std::uint8_t asked = 0; asked <= 7; ++asked) {
+    std::vector<int> answer;
+    for (std::uint8_t node = 1; node <= CRUX_CAN_NODES; ++node) {
+      if (crux_link_is_asked(asked, node)) {
+        answer.push_back(node);
+      }
+    }
+    std::vector<int> right;
+    if (asked != 0) {
+      right.push_back(asked);
+    }
+    if (asked == 7) {
+      right.push_back(8);
+    }
+    EXPECT_EQ(answer, right);
+  }
 }
 
 TEST(Link, EmergenciesOfOneCauseAreRationed) {

@@ -13,7 +13,7 @@ from host import HOLD, TRACK, Host, host
 JOINT: can_codec.Values = {"Mode": TRACK, "Position_rad": 0.0, "Kp_Nm_rad": 100.0, "Kd_Nms_rad": 2.0}
 GRIPPER: can_codec.Values = {"Mode": TRACK, "Opening_m": 0.029, "SpeedLimit_m_s": 0.02, "ForceLimit_N": 30.0}
 CYCLES = 300
-LIMB = 2
+LIMB, JOINTS = 2, len(can_codec.JOINT_NODES)
 BUS_OFF = 7  # cause of an emergency
 
 
@@ -26,7 +26,7 @@ def bench() -> Iterator[Host]:
 def statuses(bench: Host, limb: int) -> list[int]:
     """Statuses of the limb's joints since the last call."""
     heard = bench.heard(limb)
-    return [len(heard["JointStatus", node]) for node in range(1, 7)]
+    return [len(heard["JointStatus", node]) for node in can_codec.JOINT_NODES]
 
 
 def test_a_share_of_one_cuts_the_limb_and_zero_mends_it(bench: Host) -> None:
@@ -35,13 +35,13 @@ def test_a_share_of_one_cuts_the_limb_and_zero_mends_it(bench: Host) -> None:
     bench.nodes.lose(LIMB, 1.0)
     for cycle in range(1, 121):
         bench.run(cycle, JOINT, GRIPPER)
-    assert statuses(bench, LIMB) == [0] * 6
+    assert statuses(bench, LIMB) == [0] * JOINTS
     joints = bench.nodes.states()[0]
-    assert set(joints[6 * LIMB : 6 * LIMB + 6]) == {HOLD + 1}, "the watchdog stopped them"
-    assert set(joints[: 6 * LIMB]) == {TRACK + 1}, "other limbs go on"
+    assert set(joints[JOINTS * LIMB : JOINTS * (LIMB + 1)]) == {HOLD + 1}, "the watchdog stopped them"
+    assert set(joints[: JOINTS * LIMB]) == {TRACK + 1}, "other limbs go on"
     bench.nodes.lose(LIMB, 0.0)
     bench.run(121, JOINT, GRIPPER)
-    assert statuses(bench, LIMB) == [1] * 6
+    assert statuses(bench, LIMB) == [1] * JOINTS
 
 
 @pytest.mark.parametrize("node", [3, 7])
@@ -55,7 +55,7 @@ def test_a_node_whose_controller_is_off_the_bus_holds_and_says_so_afterwards(ben
         bench.run(cycle, JOINT, GRIPPER)
         heard = bench.heard(LIMB)
         answered = {n for (name, n), rows in heard.items() if name.endswith("Status") and rows}
-        assert answered == set(range(1, 8)) - {node}
+        assert answered == {*can_codec.JOINT_NODES, can_codec.GRIPPER_NODE} - {node}
     assert joint_and_gripper_states(bench)[node - 1] == HOLD + 1
     bench.nodes.disturb(LIMB, node, False)
     bench.run(110, JOINT, GRIPPER)
@@ -65,14 +65,15 @@ def test_a_node_whose_controller_is_off_the_bus_holds_and_says_so_afterwards(ben
 
 
 def joint_and_gripper_states(bench: Host) -> bytes:
-    """Of the limb's seven nodes."""
+    """Of the limb's eight nodes."""
     joints, _, grippers, _ = bench.nodes.states()
-    return joints[6 * LIMB : 6 * LIMB + 6] + grippers[LIMB : LIMB + 1]
+    own = joints[JOINTS * LIMB : JOINTS * (LIMB + 1)]
+    return own[: can_codec.GRIPPER_NODE - 1] + grippers[LIMB : LIMB + 1] + own[can_codec.GRIPPER_NODE - 1 :]
 
 
 def answered_with_loss(share: float, seed: int) -> list[int]:
     """Statuses that got through in CYCLES cycles on a fresh robot."""
-    answered = [0] * 6
+    answered = [0] * JOINTS
     with host(load_robot("scaler")) as bench:
         bench.nodes.lose(LIMB, share, seed)
         for cycle in range(CYCLES):
@@ -86,7 +87,7 @@ def test_a_share_is_lost_both_ways_and_the_same_frames_for_the_same_seed() -> No
     first = answered_with_loss(share, 7)
     assert first == answered_with_loss(share, 7) != answered_with_loss(share, 8)
     # Once in (Sync) and once out (status).
-    assert sum(first) / 6 / CYCLES == pytest.approx((1 - share) ** 2, abs=0.05)
+    assert sum(first) / JOINTS / CYCLES == pytest.approx((1 - share) ** 2, abs=0.05)
 
 
 def test_a_bus_that_is_away_is_neither_waited_for_nor_sent_on(bench: Host) -> None:
@@ -99,11 +100,11 @@ def test_a_bus_that_is_away_is_neither_waited_for_nor_sent_on(bench: Host) -> No
     assert bench.nodes.wait_sync(2.0) == 1
     bench.control()
     bench.publish()
-    assert statuses(bench, LIMB) == [0] * 6
+    assert statuses(bench, LIMB) == [0] * JOINTS
     bench.nodes.connect(LIMB, True)
     assert bench.nodes.wait_sync(0.01) is None
     bench.run(2, JOINT, GRIPPER)
-    assert statuses(bench, LIMB) == [1] * 6
+    assert statuses(bench, LIMB) == [1] * JOINTS
 
 
 def test_a_rogue_hosts_frame_reaches_the_nodes_and_the_bus(bench: Host) -> None:

@@ -215,7 +215,7 @@ def test_what_is_no_image_is_refused(robot: Robot, tmp_path: Path) -> None:
         pass
     with pytest.raises(crux_emulated.BoardError, match="cannot be opened"), board(robot, LF, NODE, tmp_path / "none"):
         pass
-    with pytest.raises(crux_emulated.BoardError, match="no node 8"), board(robot, LF, 8, image(NODE)):
+    with pytest.raises(crux_emulated.BoardError, match="no node 9"), board(robot, LF, 9, image(NODE)):
         pass
 
 

@@ -9,7 +9,7 @@ import pytest
 from crux_contracts.node_parameters import table
 from crux_contracts.node_services import number
 from crux_contracts.robot import Robot, load_robot
-from crux_contracts.robot_bounds import JOINTS
+from crux_contracts.robot_bounds import MOST_JOINTS
 from crux_simulation.sim import crux_emulated
 from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
 from crux_tools.can.param_command import describe, run_routine, write
@@ -112,7 +112,7 @@ def await_rest(desk: Desk) -> None:
     torques_Nm = [0.0, 1.0]
     while max(torques_Nm) - min(torques_Nm) > 1e-3 * max(torques_Nm):
         desk.await_periods(50)
-        torques_Nm = [torque_Nm[LF * JOINTS + JOINT - 1] for torque_Nm in desk.torques_Nm[-50:]]
+        torques_Nm = [torque_Nm[LF * MOST_JOINTS + JOINT - 1] for torque_Nm in desk.torques_Nm[-50:]]
 
 
 def test_a_joint_keeps_its_torque_while_a_page_is_erased(
@@ -133,14 +133,14 @@ def test_a_joint_keeps_its_torque_while_a_page_is_erased(
         assert any(erases() for _ in range(2 * PAGE_BYTES // 16))
         for _ in range(PAGE_BYTES // 16 - 2):
             assert not erases()
-        loaded = TRACKED | {"Position_rad": desk.host.plant.joint_position_rad[LF * JOINTS + JOINT - 1] + 0.05}
+        loaded = TRACKED | {"Position_rad": desk.host.plant.joint_position_rad[LF * MOST_JOINTS + JOINT - 1] + 0.05}
         desk.command(loaded)
         await_rest(desk)
         desk.command(loaded | {"Mode": HOLD})
         await_rest(desk)
         begin = len(desk.torques_Nm)
         assert [erases(), erases()] == [False, True]
-        torques_Nm = [torque_Nm[LF * JOINTS + JOINT - 1] for torque_Nm in desk.torques_Nm[begin:]]
+        torques_Nm = [torque_Nm[LF * MOST_JOINTS + JOINT - 1] for torque_Nm in desk.torques_Nm[begin:]]
         desk.command(None)
         run_routine(joint, "FORGET")
     power_off_and_on(desk)

@@ -1,4 +1,4 @@
-"""The 28 nodes over real multicast sockets, with python-can and cantools on the other side."""
+"""The 32 nodes over real multicast sockets, with python-can and cantools on the other side."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from crux_contracts import can_codec
 from crux_contracts.robot import Robot, load_robot
-from crux_contracts.robot_bounds import JOINTS
 from crux_tools.paths import built
 from host import HOLD, LIBRARY, REARM, TRACK, Host, host
 from hypothesis import HealthCheck, given, settings
@@ -44,7 +43,7 @@ def test_nodes_introduce_themselves(bench: Host, robot: Robot) -> None:
     for limb in range(crux_nodes.LIMBS):
         heard = bench.heard(limb)
         for node in range(1, crux_nodes.NODES_PER_LIMB + 1):
-            kind = "Joint" if node <= JOINTS else "Gripper"
+            kind = "Gripper" if node == can_codec.GRIPPER_NODE else "Joint"
             (identity,) = heard[f"{kind}Identity", node]
             assert identity["Protocol"] == can_codec.database().dbc.attributes["ProtocolVersion"].value  # type: ignore[union-attr]
             assert (identity["NodeKind"], identity["NodeId"], identity["Limb"]) == (
@@ -62,7 +61,10 @@ def test_every_node_answers_every_cycle(bench: Host) -> None:
         bench.run(cycle, JOINT, GRIPPER)
         for limb in range(crux_nodes.LIMBS):
             heard = bench.heard(limb)
-            answers = [("JointStatus", node) for node in range(1, 7)] + [("GripperStatus", 7), ("ForceTorque", 7)]
+            answers = [("JointStatus", node) for node in can_codec.JOINT_NODES] + [
+                ("GripperStatus", 7),
+                ("ForceTorque", 7),
+            ]
             assert {key: [v["CycleEcho"] for v in heard[key]] for key in answers} == {key: [cycle] for key in answers}
             assert {v["Counter"] for key in answers for v in heard[key]} == {cycle}
 
@@ -93,7 +95,7 @@ def test_status_carries_what_the_plant_measured(tracking: Host, data: st.DataObj
         np.array([joint.position_min_rad for joint in joints]), np.array([joint.position_max_rad for joint in joints])
     )
     plant.joint_velocity_rad_s = draw_sensible(-30 * fastest, 30 * fastest)
-    plant.joint_torque_Nm = draw(24, 40.0)
+    plant.joint_torque_Nm = draw(crux_nodes.JOINTS, 40.0)
     plant.finger_opening_m = draw_sensible(opening[:, 0], opening[:, 1])
     plant.finger_speed_m_s = draw_sensible(np.full(4, -0.4), np.full(4, 0.4))
     plant.finger_force_N = draw(4, 400.0)
@@ -102,9 +104,9 @@ def test_status_carries_what_the_plant_measured(tracking: Host, data: st.DataObj
     tracking.run(7, JOINT, GRIPPER)
     limb = 2
     heard = tracking.heard(limb)
-    for node in range(1, 7):
+    for slot, node in enumerate(can_codec.JOINT_NODES):
         (status,) = heard["JointStatus", node]
-        joint = limb * 6 + node - 1
+        joint = limb * len(can_codec.JOINT_NODES) + slot
         assert status["Position_rad"] == np.float32(plant.joint_position_rad[joint])
         assert status["Velocity_rad_s"] == nearest("JointStatus", "Velocity_rad_s", plant.joint_velocity_rad_s[joint])
         assert status["Torque_Nm"] == nearest("JointStatus", "Torque_Nm", plant.joint_torque_Nm[joint])
@@ -247,7 +249,7 @@ def test_injected_faults_hit_one_node_alone(bench: Host) -> None:
     bench.nodes.reset(0, 1)
     bench.heard(0)
     bench.run(cycle + 10, JOINT, GRIPPER)
-    assert bench.nodes.states()[1][23] == 0x20
+    assert bench.nodes.states()[1][3 * len(can_codec.JOINT_NODES) + 5] == 0x20
     heard = bench.heard(0)
     assert heard["JointEmergency", 1][0]["Cause"] == 9
     assert bench.nodes.states()[0][0] == STATES["TRACK"]
@@ -286,14 +288,14 @@ def test_a_wrong_bus_is_named(robot: Robot, url: str, words: str) -> None:
 
 def test_wrong_parameters_are_named(robot: Robot) -> None:
     joints, grippers = crux_nodes.joint_parameters(robot), crux_nodes.gripper_parameters(robot)
-    joints[8].torque_limit_Nm = float("nan")
+    joints[9].torque_limit_Nm = float("nan")
     with pytest.raises(crux_nodes.NodesError, match="joint 3 of limb 1: torque_limit_Nm"):
         crux_nodes.Nodes(built(LIBRARY), ["udp:239.74.163.2:19990"] * 4, joints, grippers)
 
 
 def test_a_node_that_does_not_exist_is_named(bench: Host) -> None:
-    with pytest.raises(crux_nodes.NodesError, match="no node 8 on limb 0"):
-        bench.nodes.drop_sent(0, 8, 1)
+    with pytest.raises(crux_nodes.NodesError, match="no node 9 on limb 0"):
+        bench.nodes.drop_sent(0, 9, 1)
 
 
 def test_hold_commands_keep_torque_and_squeeze(bench: Host) -> None:

@@ -119,7 +119,7 @@ std::vector<Part> broadcast_parts() {
   std::vector<Part> parts = {
       {"", kBroadcastHeader, CRUX_CAN_OFFSET_BROADCAST_HEADER, CRUX_CAN_LENGTH_BROADCAST_HEADER},
       {"Gripper", kBroadcastGripper, CRUX_CAN_OFFSET_BROADCAST_GRIPPER, CRUX_CAN_LENGTH_BROADCAST_GRIPPER}};
-  for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
+  for (std::size_t joint = 0; joint < CRUX_CAN_BROADCAST_JOINTS; ++joint) {
     parts.push_back({"Joint" + std::to_string(joint + 1), kBroadcastJoint,
                      CRUX_CAN_OFFSET_BROADCAST_JOINT + joint * CRUX_CAN_LENGTH_BROADCAST_JOINT,
                      CRUX_CAN_LENGTH_BROADCAST_JOINT});

@@ -16,7 +16,7 @@ def test_crc_is_the_catalogue_crc16() -> None:
     position=st.floats(-10, 10, width=32),
     torque=st.floats(-32, 32),
     counter=st.integers(0, 255),
-    node=st.integers(1, 6),
+    node=st.sampled_from(can_codec.JOINT_NODES),
     bit=st.integers(0, 127),
 )
 def test_joint_commands_survive_the_wire_and_flipped_bits_do_not(
@@ -46,7 +46,7 @@ def test_short_frames_are_corrupt() -> None:
     [
         ("JointCommand", {"Torque_Nm": 99.0}, 3, "Torque_Nm"),
         ("JointCommand", {"Torque": 1.0}, 3, "no signal Torque"),
-        ("JointCommand", {}, 8, "no message Joint8Command"),
+        ("JointCommand", {}, 7, "no message Joint7Command"),
         ("Nonsense", {}, None, "no message Nonsense"),
     ],
 )

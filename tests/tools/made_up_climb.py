@@ -15,6 +15,7 @@ from crux_contracts.channels import CHANNELS, log_topics
 from crux_contracts.robot import Robot, load_robot
 from crux_msgs import hold_t, limb_knot_t, plan_knot_t, plan_t
 from crux_msgs.tables import SCHEMAS
+from crux_tools.telemetry.slots import for_messages
 from mcap.writer import CompressionType
 from mcap_ros2.writer import Writer
 
@@ -156,7 +157,7 @@ def _cycles(story: Story) -> int:
 def _log(story: Story, robot: Robot, finish: bool, attached: bool) -> bytes:
     plan, file = made_up_plan(), BytesIO()
     # The CDR bytes come from mcap-ros2-support: an encoder that shares nothing with the reader under test.
-    writer = Writer(file, chunk_size=180_000, compression=CompressionType.LZ4)
+    writer = Writer(file, chunk_size=240_000, compression=CompressionType.LZ4)
     said = {"version": "0", "robot": "scaler", "robot_sha256": robot.hash, "pace": story.pace, **story.metadata}
     writer.add_metadata("crux", said)
     for described in (robot.folder / "robot.yaml", robot.urdf_path) if attached else ():
@@ -207,7 +208,7 @@ def _put_cycle(put: Any, plan: plan_t, story: Story, cycle: int, plan_cycles: in
     squeeze = [GRASP_FORCE_N] * 4
     if story.slack is not None and cycle == story.slack[0]:
         squeeze[story.slack[1]] = story.slack[2]
-    fresh = [int((cycle, joint) != story.silent) for joint in range(24)]
+    fresh = for_messages([int((cycle, joint) != story.silent) for joint in range(24)])
     body = np.array([0.05 * time / ((N_KNOTS - 1) * DT_S), 0.0, 0.185])
     put("/robot_state", cycle, cycle=cycle, time_s=cycle * CYCLE_S, supervisor_state=state, plan_complete=int(done),
         waiting_for=2 if waiting else 0, waiting_limb=0 if waiting else -1, fault_code=0, missed_cycles=cycle // 100,
@@ -215,12 +216,12 @@ def _put_cycle(put: Any, plan: plan_t, story: Story, cycle: int, plan_cycles: in
         body_quaternion_w=[1.0, 0, 0, 0], body_reference_position_w_m=body.tolist(),
         body_reference_quaternion_w=[1.0, 0, 0, 0], centre_of_mass_w_m=body.tolist())  # fmt: skip
     put("/control_input", cycle, cycle=cycle, dt_s=CYCLE_S, operator_command=0, joint_fresh=fresh,
-        joint_state=[2] * 24, joint_faults=[0] * 24, joint_position_rad=[0.5] * 24, joint_velocity_rad_s=[0.0] * 24,
-        joint_torque_nm=list(story.joint_torque_nm), gripper_fresh=[1] * 4, gripper_state=[2] * 4,
+        joint_state=[2] * 28, joint_faults=[0] * 28, joint_position_rad=[0.5] * 28, joint_velocity_rad_s=[0.0] * 28,
+        joint_torque_nm=for_messages(story.joint_torque_nm), gripper_fresh=[1] * 4, gripper_state=[2] * 4,
         gripper_faults=[0] * 4, finger_opening_m=[0.03] * 4, finger_speed_m_s=[0.0] * 4, finger_force_n=squeeze,
         ft_fresh=[1] * 4, ft_status=[0] * 4, ft_force_g_n=[0.0] * 12, ft_moment_g_nm=[0.0] * 12)  # fmt: skip
-    put("/control_output", cycle, cycle=cycle, joint_mode=[2] * 24, joint_position_rad=[0.5] * 24,
-        joint_velocity_rad_s=[0.0] * 24, joint_torque_nm=[0.0] * 24, gripper_mode=[2] * 4, finger_opening_m=[0.03] * 4,
+    put("/control_output", cycle, cycle=cycle, joint_mode=[2] * 28, joint_position_rad=[0.5] * 28,
+        joint_velocity_rad_s=[0.0] * 28, joint_torque_nm=[0.0] * 28, gripper_mode=[2] * 4, finger_opening_m=[0.03] * 4,
         finger_speed_limit_m_s=[0.02] * 4, finger_force_limit_n=[GRASP_FORCE_N] * 4)  # fmt: skip
     put("/cycle_timing", cycle, cycle=cycle, wall_ns=cycle * 2_000_000, wait_ns=1_000_000, compute_ns=100_000 + cycle,
         send_ns=50_000, late_ns=story.late_ns)  # fmt: skip

@@ -74,7 +74,7 @@ def test_a_good_adapter_has_no_defects_and_its_counters_are_read() -> None:
         ({"bittiming": {"bitrate": 1000000, "sample_point": 0.875}}, "sample point 0.875 of the bit rate"),
         ({"data_bittiming": {"bitrate": 2000000, "sample_point": "0.8"}}, "data bit rate 2000000, right is 5000000"),
         ({"txqlen": 1000}, "plays old commands after a jam"),
-        ({"txqlen": 4}, "a cycle has 9"),
+        ({"txqlen": 4}, "a cycle has 10"),
         ({"restart_ms": 0}, "restart-ms 0, right is 100"),
         ({"ctrlmode": ["FD"]}, "berr-reporting off"),
         ({"state": "BUS-OFF"}, "its controller is BUS-OFF, right is ERROR-ACTIVE"),
@@ -96,7 +96,7 @@ def test_what_up_would_do_is_what_check_wants() -> None:
         "dbitrate 5000000",
         "fd on",
         "restart-ms 100",
-        "txqueuelen 18",
+        "txqueuelen 20",
         "berr-reporting on",
     ):
         assert wanted in words

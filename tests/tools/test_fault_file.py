@@ -61,7 +61,7 @@ def test_faults_are_read_and_sorted_by_time(tmp_path: Path) -> None:
         ("version: 1\nfaults:\n  - {kind: cut, limb: XX, at_s: 1, for_s: 1}\n", "limb"),
         ("version: 1\nfaults:\n  - {kind: cut, limb: RF, at_s: -1, for_s: 1}\n", "at_s"),
         ("version: 1\nfaults:\n  - {kind: cut, limb: RF, at_s: 1}\n", "for_s"),
-        ("version: 1\nfaults:\n  - {kind: reset, limb: RF, node: 8, at_s: 1, for_s: 1}\n", "node"),
+        ("version: 1\nfaults:\n  - {kind: reset, limb: RF, node: 9, at_s: 1, for_s: 1}\n", "node"),
         ("version: 1\nfaults:\n  - {kind: loss, limb: RF, share: 30, at_s: 1, for_s: 1}\n", "share"),
         ("version: 1\nfaults:\n  - {kind: cut, at_s: 1, for_s: 1}\n", "limb"),
         ("version: 1\nfaults:\n  - {kind: runtime_killed, limb: RF, at_s: 1}\n", "limb"),
@@ -126,13 +126,13 @@ def test_power_is_lost_by_all_nodes_by_a_limb_s_or_by_one_for_a_while_or_for_goo
     nodes = Recorded()
     faults = read_faults(written(tmp_path, f"version: 1\nfaults:\n{lines}"))
     disturbance = Disturbance(faults, nodes, DT_S, None, seed=0)  # type: ignore[arg-type]
-    every = {(limb, node) for limb in range(4) for node in range(1, 8)}
+    every = {(limb, node) for limb in range(4) for node in range(1, 9)}
     done = []
     for cycle in range(100):
         disturbance.begin_cycle(cycle)
         done += [(cycle, supply, {call[1:3] for call in nodes.calls if call[3] == supply}) for supply in range(3)]
         nodes.calls.clear()
-    of_rr = {(3, node) for node in range(1, 8)}
+    of_rr = {(3, node) for node in range(1, 9)}
     assert [call for call in done if call[2]] == [(10, 1, every), (20, 2, of_rr), (30, 1, {(1, 3)}), (60, 0, every)]
     assert disturbance.courses[1].as_json()["for_s"] is None
     assert not disturbance.over(600)

@@ -47,8 +47,9 @@ FORMATS: dict[str, tuple[list[tuple[str, str]], tuple[str, str] | None]] = {
     "13-leaning": ([("/plan", "float64[4] lean_rad")], ("/plan", "float64[2] tilt_rad")),
     "14-turned": (
         [("/plan", "float64[2] tilt_rad"), ("/LF/limb_reference", "float64[2] gripper_tilt_w_rad")],
-        None,
+        ("/control_input", "float64[28] joint_position_rad"),
     ),
+    "15-seven": ([("/control_input", "float64[28] joint_position_rad")], None),
 }
 
 each = pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)

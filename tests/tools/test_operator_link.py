@@ -181,7 +181,7 @@ def test_status_tells_all_faults_that_stand_and_drives_that_answer_late() -> Non
     beside[0].code, beside[0].limb, beside[0].node = 9, 3, 7
     beside[1].code, beside[1].limb, beside[1].node = 22, 0, 7
     status.n_beside, status.beside, status.beside_age_s = 2, beside, [60.0, 3.0]
-    status.joint_dead_time_s = [0.0] * 23 + [0.002]
+    status.joint_dead_time_s = [0.0] * 26 + [0.002, 0.0]
     lines = status_lines(status)
     told = [line for line in lines if line.startswith("fault ")]
     assert [line.split(": ")[:2] for line in told] == [
@@ -213,8 +213,8 @@ def test_status_tells_place_limbs_and_which_nodes_are_missing() -> None:
         status.telemetry[limb].grasp_force_n, status.telemetry[limb].grasp_force_reference_n = 18.25, 20.0
         status.telemetry[limb].utilisation = 0.5 if limb == 1 else 0.0
     status.fault.code, status.fault.limb, status.fault.node = 9, 1, 7
-    status.node_state = [status_t.WELL] * 28
-    status.node_state[2] = status.node_state[13] = status_t.SILENT
+    status.node_state = [status_t.WELL] * 32
+    status.node_state[2] = status.node_state[14] = status.node_state[31] = status_t.SILENT
     lines = status_lines(status)
     assert lines[0] == (
         "plan time 12.50 of 64.00 s, speed 0.3, in reverse; last verified stance at 8.00 s; waits for LR to grip"
@@ -224,4 +224,4 @@ def test_status_tells_place_limbs_and_which_nodes_are_missing() -> None:
         ["LR", "close", "grip", "18.2", "of", "20.0", "N,", "0%", "of", "the", "limit", "surface"],
     ]
     assert lines[5].startswith("fault 9 grip_lost: RF node 7 (gripper): finger force fell to 0 N")
-    assert lines[-1] == "2 nodes silent (LF.3 joint 3, RF.7 gripper): look at power and cables"
+    assert lines[-1] == "3 nodes silent (LF.3 joint 3, RF.7 gripper, RR.8 joint 7): look at power and cables"

@@ -76,7 +76,7 @@ def test_logs_need_a_folder_that_can_be_written(tmp_path: Path) -> None:
 def test_drives_are_judged_by_what_the_gains_bear(late_s: float, verdict: str) -> None:
     status = status_t()
     status.state.cycle = 1
-    status.joint_dead_time_s = [0.0] * 23 + [late_s]
+    status.joint_dead_time_s = [0.0] * 26 + [late_s, 0.0]
     finding = joints(load_robot("scaler"), status)
     assert finding.verdict == verdict
     assert finding.found.startswith("gains bear drives that answer 4.0 ms late; ")

@@ -124,7 +124,7 @@ def test_the_last_word_is_the_most_particular_one() -> None:
         (HEAD + "holds:\n  h1: {present: maybe}\n", 4, "expected true or false"),
         (HEAD + "holds:\n  h1: {friction: {left: 1}}\n", 4, "friction.left: unknown key"),
         (HEAD + "holds:\n  h9: {present: false}\n", 4, "holds.h9: no such hold in the plan; expected h0, h1"),
-        (HEAD + "robot:\n  joints:\n    LF.7: {lag_s: 0}\n", 5, "robot.joints.LF.7: unknown key"),
+        (HEAD + "robot:\n  joints:\n    LF.8: {lag_s: 0}\n", 5, "robot.joints.LF.8: unknown key"),
         (HEAD + "robot:\n  joints:\n    LF.1: {backlash_rad: 10}\n", 5, "expected a number in 0..0.2 rad"),
         (HEAD + "sensors:\n  - {sensor: encoder, on: LF, error: bias}\n", 4, "bias of encoder needs rad"),
         (

@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from crux_contracts import LIMB_NAMES
+from crux_contracts import LIMB_NAMES, can_codec
 from crux_contracts.channels import FAULT_BY_CODE
+from crux_contracts.robot_bounds import JOINTS, MOST_JOINTS
 from crux_contracts.terminal import in_a_line
 from crux_msgs import acknowledgement_t, fault_t, robot_state_t, status_t
 from crux_msgs.tables import FAULT_HELP
 
 from crux_tools.telemetry.summary import MOTION_NAMES, PHASE_NAMES, STANCE, WAIT_NAMES, name_of
 
-NODES_PER_LIMB = 7  # joints from the shoulder, then the gripper
 GRIPPING = (0, 1, 7)  # limb_reference_t.phase: stance, unload, load
 NODE_WORDS = {
     status_t.SILENT: ("silent", "look at power and cables"),
@@ -29,7 +29,7 @@ NODE_WORDS = {
 
 def role_of(node: int) -> str:
     """What a node of a limb's bus moves."""
-    return "gripper" if node == NODES_PER_LIMB else f"joint {node}"
+    return "gripper" if node == can_codec.GRIPPER_NODE else f"joint {can_codec.JOINT_NODES.index(node) + 1}"
 
 
 def fault_of(status: status_t | None) -> dict[str, Any] | None:
@@ -92,7 +92,7 @@ def _nodes(status: status_t) -> dict[int, list[str]]:
     wrong: dict[int, list[str]] = {}
     for index, state in enumerate(status.node_state):
         if state != status_t.WELL:
-            wrong.setdefault(state, []).append(f"{LIMB_NAMES[index // NODES_PER_LIMB]}.{index % NODES_PER_LIMB + 1}")
+            wrong.setdefault(state, []).append(f"{LIMB_NAMES[index // can_codec.NODES]}.{index % can_codec.NODES + 1}")
     return wrong
 
 
@@ -154,10 +154,12 @@ def dead_times_of(status: status_t | None) -> dict[str, float | None] | None:
     """By joint, how late its drive answered when control took over; None before that, and of a joint that did not."""
     if status is None or status.state.cycle == 0 or all(dead_s < 0 for dead_s in status.joint_dead_time_s):
         return None
-    joints = [f"{limb}.{joint}" for limb in LIMB_NAMES for joint in range(1, NODES_PER_LIMB)]
-    return {
-        joint: dead_s if dead_s >= 0 else None for joint, dead_s in zip(joints, status.joint_dead_time_s, strict=True)
-    }
+    joints = [f"{limb}.{joint}" for limb in LIMB_NAMES for joint in range(1, MOST_JOINTS + 1)]
+    told = dict(zip(joints, status.joint_dead_time_s, strict=True))
+    # Of robots with fewer joints a limb nobody knows seventh ones.
+    slots = range(1, (JOINTS if all(told[f"{limb}.{MOST_JOINTS}"] < 0 for limb in LIMB_NAMES) else MOST_JOINTS) + 1)
+    known = {f"{limb}.{joint}": told[f"{limb}.{joint}"] for limb in LIMB_NAMES for joint in slots}
+    return {joint: dead_s if dead_s >= 0 else None for joint, dead_s in known.items()}
 
 
 def _climb_lines(status: status_t) -> list[str]:
@@ -202,6 +204,7 @@ def status_lines(status: status_t | None) -> list[str]:
     for state, names in _nodes(status).items():
         word, remedy = NODE_WORDS[state]
         which = ", ".join(f"{name} {role_of(int(name[-1]))}" for name in names)
-        which = "all" if len(names) == len(LIMB_NAMES) * NODES_PER_LIMB else which
+        robots = (can_codec.GRIPPER_NODE, can_codec.NODES)  # nodes a limb, with six joints and with seven
+        which = "all" if len(names) in {len(LIMB_NAMES) * nodes for nodes in robots} else which
         lines.append(f"{len(names)} nodes {word} ({which}): {remedy}")
     return lines

@@ -60,6 +60,7 @@ struct crux_plant {
   void take_contact(const mjContact& contact);
   void read_encoders();
   double normal() { return normal_(random_); }
+  [[nodiscard]] std::size_t joints() const { return CRUX_SIM_LIMBS * static_cast<std::size_t>(map_.slots); }
   [[nodiscard]] bool hand_is_gone() const {
     return time_s() > carried_until_s_ + kHandReleases_s[1] + model_->opt.timestep;
   }
@@ -68,7 +69,7 @@ struct crux_plant {
   std::mt19937_64 random_;
   std::mt19937_64 encoder_random_;
   std::normal_distribution<double> normal_, encoder_normal_;
-  std::array<double, CRUX_SIM_JOINTS> ft_bias_{};
+  std::array<double, CRUX_SIM_WRENCHES> ft_bias_{};
   std::array<double, 3> hand_position_{};
   std::int64_t cycle_ = -1;  ///< of the runtime, when record() was called last
 };
@@ -94,16 +95,16 @@ crux_plant::crux_plant(mjModel* model, mjData* data, const crux_plant_map& map, 
 }
 
 void crux_plant::step(const double* joint_torque_nm, const double* finger_force_n) {
-  std::array<double, CRUX_SIM_JOINTS> told_nm;
+  std::array<double, CRUX_SIM_JOINTS> told_nm{};
   std::array<double, CRUX_SIM_LIMBS> told_n;
   if (world_) {
-    std::copy_n(joint_torque_nm, told_nm.size(), told_nm.begin());
+    std::copy_n(joint_torque_nm, joints(), told_nm.begin());
     std::copy_n(finger_force_n, told_n.size(), told_n.begin());
     world_->command(told_nm, told_n);
     joint_torque_nm = told_nm.data();
     finger_force_n = told_n.data();
   }
-  for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
+  for (std::size_t j = 0; j < joints(); ++j) {
     state_.joint_torque_nm[j] += torque_share_[j] * (joint_torque_nm[j] - state_.joint_torque_nm[j]);
     if (supply_[j] != Supply::kPowered) state_.joint_torque_nm[j] = 0.0;
     data_->ctrl[map_.joint_actuators[j]] = state_.joint_torque_nm[j];
@@ -160,7 +161,7 @@ void crux_plant::carry() {
 /// Whole counts of a reading that hovers about the angle, as magnetic encoders' do.
 void crux_plant::read_encoders() {
   const double step_rad = settings_.encoder_step_rad;
-  for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
+  for (std::size_t j = 0; j < joints(); ++j) {
     const double angle_rad =
         data_->qpos[map_.joint_qpos[j]] + settings_.encoder_noise_rad * encoder_normal_(encoder_random_);
     state_.joint_position_rad[j] = step_rad > 0.0 ? step_rad * std::round(angle_rad / step_rad) : angle_rad;
@@ -171,10 +172,10 @@ void crux_plant::read_encoders() {
 
 void crux_plant::read_sensors() {
   read_encoders();
-  for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
+  for (std::size_t i = 0; i < CRUX_SIM_WRENCHES; ++i) {
     // MuJoCo reports what the link exerts on the hand; wanted is what the world exerts on it.
-    state_.ft_true[j] = -data_->sensordata[map_.ft_sensors[j]];
-    state_.ft[j] = state_.ft_true[j] + settings_.ft_noise[j % 6] * normal() + ft_bias_[j];
+    state_.ft_true[i] = -data_->sensordata[map_.ft_sensors[i]];
+    state_.ft[i] = state_.ft_true[i] + settings_.ft_noise[i % 6] * normal() + ft_bias_[i];
   }
   for (std::size_t l = 0; l < CRUX_SIM_LIMBS; ++l) {
     const std::int32_t *qpos = map_.finger_qpos + 2 * l, *dof = map_.finger_dof + 2 * l;
@@ -249,6 +250,8 @@ void crux_plant_drive_joint(crux_plant* plant, std::int32_t joint) {
 void crux_plant_drive_gripper(crux_plant* plant, std::int32_t limb) {
   plant->screws_.drive(static_cast<std::size_t>(limb));
 }
+
+std::int32_t crux_plant_slots(const crux_plant* plant) { return plant->map_.slots; }
 
 void crux_plant_power_joint(crux_plant* plant, std::int32_t joint, std::int32_t supply) {
   plant->power_joint(static_cast<std::size_t>(joint), static_cast<Supply>(supply));

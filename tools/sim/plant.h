@@ -17,10 +17,11 @@ extern "C" {
 /// Where things are in the model. The arrays pointed at belong to the caller and outlive the plant.
 typedef struct crux_plant_map {
   int32_t body;
+  int32_t slots;  ///< for joints of each limb, CRUX_CAN_JOINTS at most: arrays of joints have so many of each
   int32_t joint_qpos[CRUX_SIM_JOINTS], joint_dof[CRUX_SIM_JOINTS], joint_actuators[CRUX_SIM_JOINTS];
   int32_t finger_qpos[CRUX_SIM_PADS], finger_dof[CRUX_SIM_PADS], finger_actuators[CRUX_SIM_PADS];
   int32_t spine_actuators[CRUX_SIM_PADS];  ///< -1: a gripper without spines
-  int32_t ft_sensors[CRUX_SIM_JOINTS];     ///< into sensordata: per limb force xyz, torque xyz
+  int32_t ft_sensors[CRUX_SIM_WRENCHES];   ///< into sensordata: per limb force xyz, torque xyz
   int32_t gripper_sites[CRUX_SIM_LIMBS], pad_geoms[CRUX_SIM_PADS];
   const int32_t *pad_of_geom;      ///< (ngeom,) pad or -1
   const int32_t *face_of_geom;     ///< (ngeom,) face or -1
@@ -45,8 +46,8 @@ typedef struct crux_plant_state {
   double joint_position_rad[CRUX_SIM_JOINTS], joint_velocity_rad_s[CRUX_SIM_JOINTS];
   double joint_torque_nm[CRUX_SIM_JOINTS];  ///< of the motors, after their lag
   double finger_opening_m[CRUX_SIM_LIMBS], finger_speed_m_s[CRUX_SIM_LIMBS], finger_force_n[CRUX_SIM_LIMBS];
-  double ft[CRUX_SIM_JOINTS];       ///< raw reading, of the world on the gripper, gripper frame, with the hand's weight
-  double ft_true[CRUX_SIM_JOINTS];  ///< without bias and noise
+  double ft[CRUX_SIM_WRENCHES];  ///< raw reading, of the world on the gripper, gripper frame, with the hand's weight
+  double ft_true[CRUX_SIM_WRENCHES];  ///< without bias and noise
   double pad_force_n[CRUX_SIM_PADS];  ///< normal force at the last look at the contacts
   double link_contact_force_n;        ///< greatest normal force on anything but a pad
   int64_t pad_face[CRUX_SIM_PADS];    ///< -1 without contact
@@ -83,6 +84,9 @@ CRUX_SIM_API void crux_plant_drive_joint(crux_plant *plant, int32_t joint);
 /// From now on the finger force of a limb is that of a motor before its screw's friction.
 CRUX_SIM_API void crux_plant_drive_gripper(crux_plant *plant, int32_t limb);
 
+/// For joints of each limb.
+CRUX_SIM_API int32_t crux_plant_slots(const crux_plant *plant);
+
 /// Whether a joint or a limb's gripper has power in the next step: crux_supply of crux_nodes.h. Without it a joint can
 /// be moved, against friction and its windings where they brake. Fingers stand where their screw locks them, until
 /// their drive presses as hard as the screw does, or opens.
@@ -98,7 +102,7 @@ CRUX_SIM_API void crux_plant_step(crux_plant *plant, const double joint_torque_n
 
 CRUX_SIM_API const crux_plant_state *crux_plant_state_of(const crux_plant *plant);
 
-/// (24,) of the joints' motors [degC], NaN where no world heats it; NULL when it heats none.
+/// Of the joints' motors [degC], NaN where no world heats it; NULL when it heats none.
 CRUX_SIM_API const double *crux_plant_temperature(const crux_plant *plant);
 
 /// Keeps a sample of the truth when contacts were looked at in this step; `cycle` is the runtime's count, the same

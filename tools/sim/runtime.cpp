@@ -1,5 +1,7 @@
 #include "runtime.h"
 
+#include <algorithm>
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <deque>
@@ -27,6 +29,19 @@ using namespace std::chrono_literals;
 
 constexpr const char* kInProcess = "memq://";  // LCM's own queue in memory: what is published comes back to subscribers
 constexpr std::size_t kLogQueue = 1024;
+
+constexpr int kNodeSlots = CRUX_SIM_JOINTS / CRUX_SIM_LIMBS;  // for joints of each limb among the nodes
+
+/// Numbers of the plant's joints, `slots` for each limb, as the nodes have them; 0 behind those.
+struct OfNodes {
+  OfNodes(const double* of_plant, int slots) {
+    for (std::ptrdiff_t l = 0; l < CRUX_SIM_LIMBS; ++l)
+      std::copy_n(of_plant + l * slots, slots, values.begin() + l * kNodeSlots);
+  }
+  std::array<double, CRUX_SIM_JOINTS> values{};
+};
+
+int node_of(int joint) { return static_cast<int>(CRUX_CAN_NODE_OF_JOINT(static_cast<unsigned>(joint))); }
 
 thread_local std::string last_error;
 
@@ -151,22 +166,28 @@ void crux_runtime_close(crux_runtime* runtime) { delete runtime; }
 void crux_sim_step(crux_nodes* nodes, crux_plant* plant, double dt_s) {
   const crux_plant_state& state = *crux_plant_state_of(plant);
   double torque_nm[CRUX_SIM_JOINTS], force_n[CRUX_SIM_LIMBS];
-  constexpr int kJointsPerLimb = CRUX_SIM_JOINTS / CRUX_SIM_LIMBS;
-  for (int j = 0; j < CRUX_SIM_JOINTS; ++j)
-    crux_plant_power_joint(plant, j, crux_nodes_supply(nodes, j / kJointsPerLimb, j % kJointsPerLimb + 1));
+  const int slots = crux_plant_slots(plant);
+  for (int j = 0; j < CRUX_SIM_LIMBS * slots; ++j)
+    crux_plant_power_joint(plant, j, crux_nodes_supply(nodes, j / slots, node_of(j % slots)));
   for (int l = 0; l < CRUX_SIM_LIMBS; ++l)
-    crux_plant_power_gripper(plant, l, crux_nodes_supply(nodes, l, kJointsPerLimb + 1));
-  crux_nodes_control(nodes, dt_s, state.joint_position_rad, state.joint_velocity_rad_s, state.finger_opening_m,
+    crux_plant_power_gripper(plant, l, crux_nodes_supply(nodes, l, CRUX_CAN_NODE_GRIPPER));
+  crux_nodes_control(nodes, dt_s, OfNodes(state.joint_position_rad, slots).values.data(),
+                     OfNodes(state.joint_velocity_rad_s, slots).values.data(), state.finger_opening_m,
                      state.finger_speed_m_s, state.finger_force_n, torque_nm, force_n);
+  for (int l = 0; l < CRUX_SIM_LIMBS; ++l)
+    std::copy_n(torque_nm + l * kNodeSlots, slots, torque_nm + l * slots);  // towards the front, from there on
   crux_plant_step(plant, torque_nm, force_n);
   const double* temperature_degc = crux_plant_temperature(plant);
-  for (int j = 0; temperature_degc != nullptr && j < CRUX_SIM_JOINTS; ++j)
+  for (int j = 0; temperature_degc != nullptr && j < CRUX_SIM_LIMBS * slots; ++j)
     if (std::isfinite(temperature_degc[j]))
-      crux_nodes_set_temperature(nodes, j / kJointsPerLimb, j % kJointsPerLimb + 1, temperature_degc[j]);
+      crux_nodes_set_temperature(nodes, j / slots, node_of(j % slots), temperature_degc[j]);
 }
 
 std::int32_t crux_sim_publish(crux_nodes* nodes, crux_plant* plant) {
   const crux_plant_state& state = *crux_plant_state_of(plant);
-  return crux_nodes_publish(nodes, state.joint_position_rad, state.joint_velocity_rad_s, state.joint_torque_nm,
-                            state.finger_opening_m, state.finger_speed_m_s, state.finger_force_n, state.ft);
+  const int slots = crux_plant_slots(plant);
+  return crux_nodes_publish(nodes, OfNodes(state.joint_position_rad, slots).values.data(),
+                            OfNodes(state.joint_velocity_rad_s, slots).values.data(),
+                            OfNodes(state.joint_torque_nm, slots).values.data(), state.finger_opening_m,
+                            state.finger_speed_m_s, state.finger_force_n, state.ft);
 }

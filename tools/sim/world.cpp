@@ -23,7 +23,7 @@ World::World(mjModel& model, mjData& data, const crux_plant_map& map, const crux
       world_(world),
       broken_(static_cast<std::size_t>(world.breaks_count), false),
       random_(seed + 1) {
-  for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
+  for (std::size_t j = 0; j < joints(); ++j) {
     friction_nm_[j] = model.dof_frictionloss[map.joint_dof[j]];
     const bool warms = world.heating_k_nm2[j] > 0;
     temperature_degc_[j] = warms ? world.ambient_degc : std::numeric_limits<double>::quiet_NaN();
@@ -36,7 +36,7 @@ World::World(mjModel& model, mjData& data, const crux_plant_map& map, const crux
 
 void World::command(std::span<double, CRUX_SIM_JOINTS> torque_nm, std::span<double, CRUX_SIM_LIMBS> finger_force_n) {
   std::ranges::copy(torque_nm, past_nm_[now_].begin());
-  for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
+  for (std::size_t j = 0; j < joints(); ++j) {
     const auto dead = static_cast<std::size_t>(world_.dead_cycles[j]);
     const double told_nm = past_nm_[(now_ + past_nm_.size() - dead) % past_nm_.size()][j];
     const double limit_nm = world_.torque_limit_nm[j];
@@ -49,7 +49,7 @@ void World::command(std::span<double, CRUX_SIM_JOINTS> torque_nm, std::span<doub
 }
 
 void World::act(double time_s, bool hand_is_gone) {
-  for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) data_.ctrl[map_.joint_actuators[j]] *= world_.torque_factor[j];
+  for (std::size_t j = 0; j < joints(); ++j) data_.ctrl[map_.joint_actuators[j]] *= world_.torque_factor[j];
   for (std::size_t p = 0; p < CRUX_SIM_PADS; ++p)
     data_.ctrl[map_.finger_actuators[p]] *= world_.finger_force_factor[p / 2];
   stick();
@@ -60,7 +60,7 @@ void World::act(double time_s, bool hand_is_gone) {
 }
 
 void World::stick() {
-  for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
+  for (std::size_t j = 0; j < joints(); ++j) {
     if (world_.stiction_nm[j] <= 0) continue;
     const double speed = data_.qvel[map_.joint_dof[j]] / kStandingSpeed_rad_s;
     model_.dof_frictionloss[map_.joint_dof[j]] = friction_nm_[j] + world_.stiction_nm[j] * std::exp(-speed * speed);
@@ -69,7 +69,7 @@ void World::stick() {
 
 /// Explicit, as stiffness in MuJoCo is: steps of 2 ms bear it up to the stiffness that a world file may give.
 void World::spring() {
-  for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
+  for (std::size_t j = 0; j < joints(); ++j) {
     if (world_.play_dof[j] < 0) continue;
     const double angle = data_.qpos[world_.play_qpos[j]], half = world_.half_play_rad[j];
     data_.qfrc_applied[world_.play_dof[j]] = world_.stiffness_nm_rad[j] * (std::clamp(angle, -half, half) - angle);
@@ -122,7 +122,7 @@ void World::push(double time_s) {
 
 void World::heat(std::span<const double, CRUX_SIM_JOINTS> torque_nm) {
   if (!warms_) return;
-  for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
+  for (std::size_t j = 0; j < joints(); ++j) {
     const double rise = world_.heating_k_nm2[j] * torque_nm[j] * torque_nm[j];
     const double share = std::min(1.0, model_.opt.timestep / world_.heating_time_s[j]);
     temperature_degc_[j] += share * (world_.ambient_degc + rise - temperature_degc_[j]);
@@ -130,7 +130,7 @@ void World::heat(std::span<const double, CRUX_SIM_JOINTS> torque_nm) {
 }
 
 std::span<const double> World::temperature() const {
-  return warms_ ? std::span<const double>(temperature_degc_) : std::span<const double>();
+  return warms_ ? std::span<const double>(temperature_degc_).first(joints()) : std::span<const double>();
 }
 
 void World::sense(double time_s, crux_plant_state& state) {

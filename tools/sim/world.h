@@ -1,5 +1,6 @@
 /// What is not as the plan and the robot description say: motors, friction, holds that break, pushes, sensors. Numbers
-/// of tools/crux_simulation/sim/world.py; times count from the first step, units are SI. Joints limb-major.
+/// of tools/crux_simulation/sim/world.py; times count from the first step, units are SI. Joints limb-major,
+/// as the plant's map has them.
 #ifndef CRUX_SIM_WORLD_H
 #define CRUX_SIM_WORLD_H
 
@@ -10,7 +11,8 @@
 enum {
   CRUX_SIM_LIMBS = CRUX_CAN_LIMBS,
   CRUX_SIM_JOINTS = CRUX_CAN_LIMBS * CRUX_CAN_JOINTS,
-  CRUX_SIM_PADS = 2 * CRUX_CAN_LIMBS
+  CRUX_SIM_PADS = 2 * CRUX_CAN_LIMBS,
+  CRUX_SIM_WRENCHES = 6 * CRUX_CAN_LIMBS
 };
 
 typedef enum crux_sensor { CRUX_FORCE_TORQUE, CRUX_ENCODER, CRUX_FINGER_OPENING, CRUX_FINGER_FORCE } crux_sensor;

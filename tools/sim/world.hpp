@@ -50,6 +50,7 @@ class World {
   void break_holds(double time_s);
   void push(double time_s);
   [[nodiscard]] double load_n(int body) const;
+  [[nodiscard]] std::size_t joints() const { return CRUX_SIM_LIMBS * static_cast<std::size_t>(map_.slots); }
   void spoil(Fault& fault, double time_s, std::span<double> channels, double* rate);
   void repeat(Fault& fault, bool on, std::span<double> channels, double& speed);
 

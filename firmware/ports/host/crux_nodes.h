@@ -1,4 +1,4 @@
-/// Host port: all 28 nodes of a robot as a shared library with a plain C interface, for the hardware-in-the-loop bench.
+/// Host port: all nodes of a robot as a shared library with a plain C interface, for the hardware-in-the-loop bench.
 /// The nodes are the firmware's own cores; the plant gives measurements and takes torques. Arrays are limb-major
 /// (LF, RF, LR, RR), SI units. One thread at a time.
 ///
@@ -71,7 +71,7 @@ CRUX_API void crux_nodes_states(const crux_nodes *nodes, uint8_t joint_state[CRU
                                 uint8_t joint_faults[CRUX_JOINTS], uint8_t gripper_state[CRUX_LIMBS],
                                 uint8_t gripper_faults[CRUX_LIMBS]);
 
-/// Counters of a node: limb 0..3, node 1..7. 0, or -1 when there is no such node.
+/// Counters of a node: limb 0..3, node 1..8. 0, or -1 when there is no such node.
 CRUX_API int crux_nodes_counters(const crux_nodes *nodes, int limb, int node, crux_node_counters *counters);
 
 // Faults the bench can inject. 0, or -1 when there is no such node or limb.

@@ -1,4 +1,4 @@
-"""ctypes binding of libcrux_nodes.so: the 28 firmware nodes of a robot (see crux_nodes.h for meaning and order)."""
+"""ctypes binding of libcrux_nodes.so: the firmware nodes of a robot (see crux_nodes.h for meaning and order)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from crux_contracts import LIMB_NAMES, node_parameters
 from crux_contracts.robot import Robot
-from crux_contracts.robot_bounds import JOINTS as JOINTS_PER_LIMB
+from crux_contracts.robot_bounds import MOST_JOINTS as JOINTS_PER_LIMB
 from crux_contracts.robot_types import of_slots
 
 LIMBS = len(LIMB_NAMES)
@@ -56,7 +56,7 @@ class NodesError(Exception):
 
 
 def joint_parameters(robot: Robot) -> list[JointParameters]:
-    """Parameters of the 24 joint nodes, limb-major; a node without a joint has those of the limb's last one."""
+    """Parameters of the 28 joint nodes, limb-major; a node without a joint has those of the limb's last one."""
     servo = robot.servo
     return [
         JointParameters(
@@ -153,7 +153,7 @@ def _pointer(values: npt.ArrayLike, count: int) -> tuple[Array, object]:
 
 
 class Nodes:
-    """The nodes on four buses. Joint arrays hold 24 numbers, limb-major; finger arrays 4; use as a context manager."""
+    """The nodes on four buses. Joint arrays hold 28 numbers, seven slots a limb, finger arrays 4; a context manager."""
 
     def __init__(
         self,
@@ -165,7 +165,7 @@ class Nodes:
     ) -> None:
         """Opens the buses (udp:, socketcan:, memory:), in limb order; raises NodesError when that fails."""
         if len(bus_urls) != LIMBS or len(joints) != JOINTS or len(grippers) != LIMBS:
-            raise ValueError("four buses, 24 joints and four grippers belong here")
+            raise ValueError(f"four buses, {JOINTS} joints and four grippers belong here")
         self._library = _load(library)
         urls = (ctypes.c_char_p * LIMBS)(*(url.encode() for url in bus_urls))
         self._handle = self._library.crux_nodes_open(
@@ -224,7 +224,7 @@ class Nodes:
         finger_speed_m_s: npt.ArrayLike,
         finger_force_N: npt.ArrayLike,
     ) -> tuple[Array, Array]:
-        """One control period; returns joint torque [Nm] (24,) and finger force [N] (4,)."""
+        """One control period; returns joint torque [Nm] (28,) and finger force [N] (4,)."""
         keep = [
             _pointer(values, count)
             for values, count in (
@@ -277,7 +277,7 @@ class Nodes:
         return joint_state, joint_faults, gripper_state, gripper_faults
 
     def counters(self, limb: int, node: int) -> NodeCounters:
-        """Counters of node 1..7 of limb 0..3."""
+        """Counters of node 1..8 of limb 0..3."""
         counters = NodeCounters()
         self._check(self._library.crux_nodes_counters(self._handle, limb, node, ctypes.byref(counters)))
         return counters

@@ -11,7 +11,7 @@ static bool asks(const crux_frame *frame, int index) {
   struct crux_can_host_heartbeat_t heartbeat = {0};
   return (frame->id == (uint16_t)CRUX_CAN_ID_HOST_HEARTBEAT) &&
          (crux_can_host_heartbeat_unpack(&heartbeat, frame->data, frame->length) == 0) &&
-         (heartbeat.identify == (uint8_t)(index + 1));
+         crux_link_is_asked(heartbeat.identify, (uint8_t)(index + 1));
 }
 
 static bool concerns(const crux_frame *frame, int index) {

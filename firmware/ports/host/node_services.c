@@ -56,7 +56,7 @@ void crux_nodes_start_node(crux_nodes *nodes, int limb_index, int index) {
     crux_gripper_node_init(&owner->gripper, (uint8_t)limb_index, nodes->parameter_hash, &parameters);
     crux_service_attach(service, &owner->gripper.parameters);
   } else {
-    crux_joint_parameters parameters = nodes->joint_parameters[(limb_index * JOINTS_PER_LIMB) + index];
+    crux_joint_parameters parameters = nodes->joint_parameters[(limb_index * JOINTS_PER_LIMB) + joint_of(index)];
     crux_service_init(service, number, version, nodes->parameter_hash, &parameters, store);
     crux_service_offer_update(service, &owner->update[index]);
     crux_joint_node_init(&owner->joint[index], (uint8_t)limb_index, number, nodes->parameter_hash, &parameters);

@@ -49,10 +49,8 @@ crux_nodes *crux_nodes_open(const char *const bus_urls[CRUX_LIMBS], const crux_j
     good = crux_bus_open(&owner->bus, bus_urls[l], crux_nodes_last_error, sizeof(crux_nodes_last_error));
     owner->connected = true;
     owner->gripper_inputs.temperature_degC = ROOM_TEMPERATURE_DEG_C;
-    for (int i = 0; i < JOINTS_PER_LIMB; i++) {
-      owner->joint_inputs[i].temperature_degC = ROOM_TEMPERATURE_DEG_C;
-    }
     for (int i = 0; i < NODES_PER_LIMB; i++) {
+      owner->joint_inputs[i].temperature_degC = ROOM_TEMPERATURE_DEG_C;
       crux_nodes_new_memory(&owner->memory[i], (i == GRIPPER) ? CRUX_KIND_GRIPPER : CRUX_KIND_JOINT);
       crux_nodes_start_node(nodes, l, i);
     }
@@ -122,7 +120,7 @@ void crux_nodes_control(crux_nodes *nodes, double dt, const double joint_positio
     }
     for (int i = 0; i < JOINTS_PER_LIMB; i++) {
       const int j = (l * JOINTS_PER_LIMB) + i;
-      joint_torque_out[j] = control_joint(owner, i, dt, joint_position[j], joint_velocity[j]);
+      joint_torque_out[j] = control_joint(owner, node_of(i), dt, joint_position[j], joint_velocity[j]);
     }
     finger_force_out[l] = control_gripper(owner, dt, finger_opening[l], finger_speed[l], finger_force[l]);
     crux_nodes_serve(nodes, l, crux_microseconds((float)dt));
@@ -162,14 +160,15 @@ int crux_nodes_publish(crux_nodes *nodes, const double joint_position[CRUX_JOINT
     int count = 0;
     for (int i = 0; i < JOINTS_PER_LIMB; i++) {
       const int j = (l * JOINTS_PER_LIMB) + i;
-      crux_joint_inputs *inputs = &owner->joint_inputs[i];
+      const int index = node_of(i);
+      crux_joint_inputs *inputs = &owner->joint_inputs[index];
       inputs->position_rad = (float)joint_position[j];
       inputs->velocity_rad_s = (float)joint_velocity[j];
       inputs->torque_Nm = (float)joint_torque[j];
-      if (owner->outside[i] == NULL) {
-        crux_joint_node_publish(&owner->joint[i], inputs);
+      if (owner->outside[index] == NULL) {
+        crux_joint_node_publish(&owner->joint[index], inputs);
       }
-      count = collect(owner, i, frames, count);
+      count = collect(owner, index, frames, count);
     }
     crux_gripper_inputs *inputs = &owner->gripper_inputs;
     inputs->opening_m = (float)finger_opening[l];
@@ -216,7 +215,7 @@ void crux_nodes_states(const crux_nodes *nodes, uint8_t joint_state[CRUX_JOINTS]
   for (int l = 0; l < CRUX_LIMBS; l++) {
     for (int i = 0; i < JOINTS_PER_LIMB; i++) {
       const int j = (l * JOINTS_PER_LIMB) + i;
-      look_at_state(&nodes->limbs[l], i, &joint_state[j], &joint_faults[j]);
+      look_at_state(&nodes->limbs[l], node_of(i), &joint_state[j], &joint_faults[j]);
     }
     look_at_state(&nodes->limbs[l], GRIPPER, &gripper_state[l], &gripper_faults[l]);
   }

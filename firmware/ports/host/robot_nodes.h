@@ -13,6 +13,10 @@
 #define NODES_PER_LIMB ((int)CRUX_CAN_NODES)
 #define GRIPPER ((int)CRUX_CAN_NODE_GRIPPER - 1)  ///< index of the gripper among a limb's nodes
 
+/// Index of a joint among its limb's nodes, and back.
+static inline int node_of(int joint) { return (int)CRUX_CAN_NODE_OF_JOINT((uint32_t)joint) - 1; }
+static inline int joint_of(int index) { return (int)CRUX_CAN_JOINT_OF_NODE((uint32_t)index + 1U); }
+
 /// What the bench does to a node's frames.
 typedef struct interference {
   uint32_t drop_received;
@@ -41,9 +45,9 @@ typedef struct memory {
 
 typedef struct limb {
   crux_bus bus;
-  crux_joint_node joint[CRUX_CAN_JOINTS];
+  crux_joint_node joint[CRUX_CAN_NODES];  ///< not that of the gripper
   crux_gripper_node gripper;
-  crux_joint_inputs joint_inputs[CRUX_CAN_JOINTS];
+  crux_joint_inputs joint_inputs[CRUX_CAN_NODES];
   crux_gripper_inputs gripper_inputs;
   interference interference[CRUX_CAN_NODES];
   memory memory[CRUX_CAN_NODES];
@@ -73,13 +77,13 @@ void crux_nodes_request(limb *owner, int index, const crux_frame *frame);
 /// Time passes for the services of a limb's nodes.
 void crux_nodes_serve(crux_nodes *nodes, int limb_index, uint32_t dt_us);
 
-/// Starts a node anew: index 0..5 of a joint, GRIPPER.
+/// Starts a node anew, by its index.
 void crux_nodes_start_node(crux_nodes *nodes, int limb_index, int index);
 
 /// Hands a frame of the bus to one of the limb's nodes, if it concerns it and does not get lost.
 void crux_nodes_deliver(limb *owner, int index, const crux_frame *frame);
 
-/// False, with the reason in crux_nodes_error(), when there is no such node: limb 0..3, node 1..7.
+/// False, with the reason in crux_nodes_error(), when there is no such node: limb 0..3, node 1..8.
 bool crux_nodes_exists(int limb_index, int node);
 
 /// What crux_nodes_error() says.

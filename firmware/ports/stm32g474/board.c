@@ -101,7 +101,7 @@ static void set_up_pins(void) {
   for (uint32_t i = 0UL; i < (sizeof(alternates) / sizeof(alternates[0])); i++) {
     set_alternate(alternates[i].port, alternates[i].pin, alternates[i].function);
   }
-  for (uint32_t pin = 0UL; pin < 5UL; pin++) {
+  for (uint32_t pin = 0UL; pin < 6UL; pin++) {
     pull(GPIOC, pin, GPIO_PULL_DOWN);  // an open strap reads 0
     set_mode(GPIOC, pin, GPIO_MODE_INPUT);
   }
@@ -116,7 +116,10 @@ void board_init(void) {
   SYST_CSR = 7UL;  // core clock, interrupt, on
 }
 
-uint8_t board_strapped_node(void) { return (uint8_t)(GPIO_IDR(GPIOC) & 7UL); }
+uint8_t board_strapped_node(void) {
+  const uint32_t straps = GPIO_IDR(GPIOC);
+  return (uint8_t)((straps & 7UL) | ((straps >> 2UL) & 8UL));
+}
 
 uint8_t board_strapped_limb(void) { return (uint8_t)((GPIO_IDR(GPIOC) >> 3UL) & 3UL); }
 

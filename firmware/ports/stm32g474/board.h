@@ -10,7 +10,7 @@
 ///   PB5, PB6          FDCAN2 receive, transmit: force/torque sensor of a gripper
 ///   PB12              fault of the gate driver, low: overcurrent, undervoltage (TIM1 break)
 ///   PB13..PB15        bridge, lower switches
-///   PC0..PC2          straps: node number 1..6 of a joint; PC3, PC4: limb 0..3
+///   PC0..PC2, PC5     straps: node number 1..6 or 8 of a joint; PC3, PC4: limb 0..3
 #ifndef CRUX_STM32G474_BOARD_H
 #define CRUX_STM32G474_BOARD_H
 

@@ -33,7 +33,7 @@ int main(void) {
   board_init();
   crux_slots slots;
   crux_running running;
-  const bool is_joint = board_strapped_node() <= (uint8_t)CRUX_CAN_JOINTS;
+  const bool is_joint = board_strapped_node() != (uint8_t)CRUX_CAN_NODE_GRIPPER;
   flash_port_slots(&slots, is_joint ? (uint32_t)CRUX_KIND_JOINT : (uint32_t)CRUX_KIND_GRIPPER);
   if (crux_boot(&slots, &running)) {
     if (!running.confirmed) {

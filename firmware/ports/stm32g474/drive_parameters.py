@@ -82,7 +82,7 @@ def _motor(
 
 
 def joint_drive_parameters(robot: Robot) -> list[JointDriveParameters]:
-    """Of the 24 joints, limb-major: the peak current makes the joint's peak torque."""
+    """Of the 28 slots of joints, limb-major: the peak current makes the joint's peak torque."""
     motor, servo = robot.motor, robot.servo
     bandwidth_rad_s = 1 / servo.torque_time_constant_s
     return [

@@ -96,10 +96,10 @@ int main(void) {
   board_init();
   const uint8_t number = board_strapped_node();
   const uint8_t limb = board_strapped_limb();
-  if ((number < 1U) || (number > CRUX_CAN_JOINTS)) {
+  if ((number < 1U) || (number > CRUX_CAN_NODES) || (number == CRUX_CAN_NODE_GRIPPER)) {
     return 1;  // not strapped as a joint: stay off the bus
   }
-  const uint32_t index = (limb * CRUX_CAN_JOINTS) + number - 1U;
+  const uint32_t index = (limb * CRUX_CAN_JOINTS) + CRUX_CAN_JOINT_OF_NODE(number);
   crux_joint_parameters parameters = node_table_joints[index];
   const crux_joint_drive_parameters *motor = &node_table_joint_drives[index];
   if ((crux_joint_parameters_fault(&parameters) != NULL) || (crux_motor_parameters_fault(&motor->motor) != NULL) ||

@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from cantools.database.can import Database, Message
 
 DBC = MSGS / "can" / "crux.dbc"
-JOINTS = robot_bounds.JOINTS
-GRIPPER_NODE = JOINTS + 1
+GRIPPER_NODE = robot_bounds.GRIPPER_NODE
+NODES = robot_bounds.MOST_JOINTS + 1
+JOINT_NODES = tuple(node for node in range(1, NODES + 1) if node != GRIPPER_NODE)  # from the shoulder outwards
 HEADER_LENGTH = 3
 
 Values = dict[str, float | int]

@@ -6,8 +6,9 @@ import math
 
 # Joint axes the closed-form kinematics stand on: yaw, pitch, pitch, then a spherical wrist pitch, roll, yaw.
 JOINT_AXES = ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-JOINTS = len(JOINT_AXES)  # of a limb that puts its gripper anywhere, and of all limbs in messages and on the bus
-LEAST_JOINTS, MOST_JOINTS = 4, 7
+JOINTS = len(JOINT_AXES)  # of a limb that puts its gripper anywhere
+LEAST_JOINTS, MOST_JOINTS = 4, 7  # of a limb; messages, nodes and logs have MOST_JOINTS slots for each
+GRIPPER_NODE = 7  # on a limb's bus; joints count from 1 and leave it out
 LEAST_PLACED_M3 = 1e-6  # determinant of a limb's joints and of the turns that it lacks
 STILL_RAD = 1e-4  # by which a gripper may be turned in a way that its limb has no joint for
 ALIKE = 1e-9  # components of axes, lengths [m] and angles [rad] that count as equal

@@ -11,7 +11,7 @@ import numpy as np
 from crux_msgs.robot_keys import Sections
 from numpy.typing import NDArray
 
-from .robot_bounds import JOINTS, MAX_EFFORT, STILL_RAD
+from .robot_bounds import MAX_EFFORT, MOST_JOINTS, STILL_RAD
 from .urdf import Joint, Urdf
 
 Array = NDArray[np.float64]
@@ -21,12 +21,10 @@ T = TypeVar("T")
 
 
 def of_slots(values: Sequence[T]) -> tuple[T, ...]:
-    """Of each of the slots that messages, buses and physics have for a limb: values of its joints, then the last one's
-    for slots without a joint. Raises ValueError for limbs of more joints than there are slots.
+    """Of each of the MOST_JOINTS slots that messages and nodes have for a limb: values of its joints, then the last
+    one's for slots without a joint.
     """
-    if len(values) > JOINTS:
-        raise ValueError(f"limbs of {len(values)} joints are planned for, not driven: expected at most {JOINTS}")
-    return (*values, *[values[-1]] * (JOINTS - len(values)))
+    return (*values, *[values[-1]] * (MOST_JOINTS - len(values)))
 
 
 @dataclass(frozen=True)
@@ -130,6 +128,11 @@ class Robot(Sections):
     def closed_form(self) -> bool:
         """Whether the limbs have closed-form kinematics."""
         return all(limb.closed_form for limb in self.limbs)
+
+    @property
+    def slots(self) -> int:
+        """Of each limb in logs and physics: six, or seven where a limb has so many joints."""
+        return len(self.limbs[0].at_zero.axes)
 
     @property
     def dt_s(self) -> float:

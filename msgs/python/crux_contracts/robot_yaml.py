@@ -10,7 +10,7 @@ from crux_msgs.robot_keys import SECTIONS, InUrdf, OfLimb, Top
 
 from . import LIMB_NAMES
 from .records import Key, Records, keys_of
-from .robot_bounds import JOINTS, LEAST_JOINTS, MOST_JOINTS
+from .robot_bounds import GRIPPER_NODE, JOINTS, LEAST_JOINTS, MOST_JOINTS
 from .yaml_document import DocumentError, Node
 
 
@@ -100,5 +100,5 @@ class RobotYaml(Records):
 
 def node_numbers(joints: Sequence[str]) -> dict[str, int]:
     """On a limb's bus: joints count from 1, and leave out the gripper's."""
-    free = (number for number in range(1, MOST_JOINTS + 2) if number != JOINTS + 1)
-    return {**dict(zip(joints, free, strict=False)), "gripper": JOINTS + 1}
+    free = (number for number in range(1, MOST_JOINTS + 2) if number != GRIPPER_NODE)
+    return {**dict(zip(joints, free, strict=False)), "gripper": GRIPPER_NODE}

@@ -18,6 +18,7 @@ constexpr double kPlay = 0.5;
 constexpr double kDoubts = 2.0;  // deviations from where the others have it
 constexpr double kArm_m = 0.25;  // of a joint to its gripper, about: what was seen of play, as an angle
 constexpr int kSweeps = 30;      // over the joints, for their play
+constexpr int kNever = std::numeric_limits<int>::max();
 
 /// Inverse of a symmetric, positive definite matrix, by blocks: those of 3 x 3 are closed forms.
 Matrix6 inverse(const Matrix6& matrix) noexcept {
@@ -64,7 +65,8 @@ void StanceFit::look(Standing& limb, const FittedLimb& seen) noexcept {
   for (int j = 0; j < kJoints; ++j) {
     const bool idle =
         std::abs(seen.torque_Nm[j]) < parameters_.idle_torque_Nm || seen.torque_Nm[j] * limb.torque_Nm[j] < 0.0;
-    limb.idle_cycles_ago[j] = idle ? 0 : limb.idle_cycles_ago[j] + 1;
+    const bool there = !limb.joints_G.col(j).isZero(0.0);  // a slot without a joint has no play
+    limb.idle_cycles_ago[j] = !there ? kNever : idle ? 0 : limb.idle_cycles_ago[j] + 1;
   }
   limb.torque_Nm = seen.torque_Nm;
 }
@@ -144,7 +146,7 @@ Misfit StanceFit::in_gripper(const Standing& limb, const Row& off) const noexcep
 
 /// Takes off what joints that were idle within `cycles` explain by their play.
 Misfit StanceFit::beyond_play(const Standing& limb, const Misfit& off, int cycles) const noexcept {
-  Matrix6 joints = Matrix6::Zero();
+  LimbJacobian joints = LimbJacobian::Zero();
   for (int j = 0; j < kJoints; ++j) {
     if (limb.idle_cycles_ago[j] < cycles) joints.col(j) = limb.joints_G.col(j);
   }
@@ -154,7 +156,7 @@ Misfit StanceFit::beyond_play(const Standing& limb, const Misfit& off, int cycle
   weight << Vector3::Constant(1.0 / (parameters_.shift_sigma_m * parameters_.shift_sigma_m)),
       Vector3::Constant(1.0 / (parameters_.turn_sigma_rad * parameters_.turn_sigma_rad));
   // Least squares within what play there can be, joint by joint until it stands.
-  const Matrix6 normal = joints.transpose() * weight.asDiagonal() * joints;
+  const JointMatrix normal = joints.transpose() * weight.asDiagonal() * joints;
   const JointVector gradient = joints.transpose() * weight.cwiseProduct(row);
   JointVector play_rad = JointVector::Zero(), before_rad = JointVector::Constant(1.0);
   for (int sweep = 0; sweep < kSweeps && play_rad != before_rad; ++sweep) {

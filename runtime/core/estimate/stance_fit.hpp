@@ -100,8 +100,8 @@ class StanceFit {
     Row path = Row::Zero();         ///< the same without the jumps of other limbs that grip or release
     std::array<Row, kPast> past{};  ///< of `path`
     std::array<Sample, kFarPast> far_past{};
-    Matrix6 map = Matrix6::Identity();   ///< motion of the body to motion of the gripper
-    Matrix6 joints_G = Matrix6::Zero();  ///< motion of joints to motion of the gripper, its own axes
+    Matrix6 map = Matrix6::Identity();             ///< motion of the body to motion of the gripper
+    LimbJacobian joints_G = LimbJacobian::Zero();  ///< motion of joints to motion of the gripper, its own axes
     Matrix3 rotation_GS = Matrix3::Identity();
     JointVector torque_Nm = JointVector::Zero();  ///< of the last cycle
     std::array<int, kJoints> idle_cycles_ago{};   ///< since the joint's torque was small or changed its sign

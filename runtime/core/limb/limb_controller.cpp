@@ -36,7 +36,7 @@ LimbController::LimbController(const RobotDescription& robot, int limb)
       gripper_(robot.gripper),
       servo_(robot.servo),
       joints_(robot.limbs[limb].joints),
-      still_(kJoints - robot.limbs[limb].driven),
+      driven_(robot.limbs[limb].driven),
       kinematics_(robot.limbs[limb]),
       inverse_(robot.limbs[limb], kinematics_),
       wrench_(robot.limbs[limb], robot.force_torque, robot.control),
@@ -259,8 +259,9 @@ void LimbController::comply(const LimbReference& reference, const Wrench& all_W,
                             double dt_s) noexcept {
   const Matrix3 rotation_BW = rotation_WB.transpose();
   const Wrench error_W =
-      still_ == 0 ? all_W
-                  : turned(yielding_part(state_, turned(all_W, rotation_BW), admittance_.parameters()), rotation_WB);
+      driven_ >= kPlacing
+          ? all_W
+          : turned(yielding_part(state_, turned(all_W, rotation_BW), admittance_.parameters()), rotation_WB);
   const bool follows = (ik_.limited & kIkNoConvergence) == 0;
   translation_ = {reference.gripping() && follows, error_W.force_N, admittance_.offset_m(), Vector3::Zero()};
   rotation_ = {translation_.counts, error_W.moment_Nm, admittance_.rotation_rad(), Vector3::Zero()};
@@ -313,7 +314,7 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
   velocity_lead_rad_s_ = left * (command_dq_rad_s_ - last_dq_rad_s);
   command_q_rad_ = ik_.q_rad + (1.0 - engagement) * held_offset_rad_;
   for (JointVector* command : {&command_q_rad_, &command_dq_rad_s_, &setpoint_lead_rad_, &velocity_lead_rad_s_})
-    command->tail(still_).setZero();
+    command->tail(kJoints - driven_).setZero();
 
   const Matrix3 rotation_BW = body_estimate_W.rotation.transpose();
   JointVector model_Nm =

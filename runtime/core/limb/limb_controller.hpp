@@ -190,7 +190,7 @@ class LimbController {
   GripperDescription gripper_;
   ServoDescription servo_;
   std::array<JointLimits, kJoints> joints_;
-  int still_;  ///< turns of the gripper that no joint makes
+  int driven_;  ///< joints; slots behind them stand still
 
   LimbKinematics kinematics_;
   InverseKinematics inverse_;

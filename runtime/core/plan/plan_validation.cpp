@@ -231,9 +231,9 @@ std::string limb_defect(const RobotDescription& robot, const plan_t& plan, bool 
 /// Quasi-random joint angles inside the limits (additive recurrence with the generalised golden ratio in 6 dimensions).
 JointVector seed_angles(const LimbDescription& limb, int index) {
   constexpr double kGolden6 = 1.1127756842787055;  // root of x^7 = x + 1
-  JointVector q;
+  JointVector q = JointVector::Zero();
   double step = 1.0;
-  for (int j = 0; j < kJoints; ++j) {
+  for (int j = 0; j < limb.turns(); ++j) {
     step /= kGolden6;
     const double share = std::fmod(0.5 + step * index, 1.0);
     q[j] = limb.joints[j].lower_rad + share * (limb.joints[j].upper_rad - limb.joints[j].lower_rad);

@@ -14,7 +14,8 @@
 namespace crux {
 
 inline constexpr int kLimbs = crux_msgs::robot::kLimbs;
-inline constexpr int kJoints = crux_msgs::robot::kJoints;  // of one limb
+inline constexpr int kJoints = crux_msgs::robot::kMostJoints;  // slots of one limb
+inline constexpr int kPlacing = crux_msgs::robot::kJoints;     // joints that put a gripper anywhere
 inline constexpr int kAllJoints = kLimbs * kJoints;
 
 using Vector3 = Eigen::Vector3d;
@@ -22,6 +23,8 @@ using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix3 = Eigen::Matrix3d;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using JointVector = Eigen::Matrix<double, kJoints, 1>;
+using JointMatrix = Eigen::Matrix<double, kJoints, kJoints>;
+using LimbJacobian = Eigen::Matrix<double, 6, kJoints>;
 
 template <class T>
 using PerLimb = std::array<T, kLimbs>;

@@ -1,6 +1,7 @@
 #include "core/robot/inverse_kinematics.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/SVD>
 
 #include <algorithm>
 #include <cmath>
@@ -10,6 +11,11 @@ namespace {
 
 // Length that makes a rotation comparable with a displacement: about the size of a gripper.
 constexpr double kRotationLength_m = 0.1;
+// What an angle off along the spare way counts: little, so that a joint at its limit costs it and not the gripper's
+// pose.
+constexpr double kSpareLength_m = 0.02;
+// A limb that begins off its angles of a pose comes to them no faster than so, while it holds the robot.
+constexpr double kSpareRate_rad_s = 0.2;
 constexpr double kDampingFactor = 5.0;
 // Damping bounds joint steps near singularities: at a singular value equal to it a step is halved. Far below the limb's
 // regular singular values (0.05..0.3 m), so that convergence stays quadratic in practice.
@@ -31,39 +37,59 @@ Vector6 weighted_error(const Pose& target, const Pose& actual) {
   return error;
 }
 
-bool small(const Vector6& error) {
-  return error.head<3>().norm() < kPositionTolerance_m &&
-         error.tail<3>().norm() < kRotationTolerance_rad * kRotationLength_m;
+static_assert(kJoints == kPlacing + 1, "one way is spare at most");
+
+bool small(const JointVector& errors) {
+  return errors.head<3>().norm() < kPositionTolerance_m &&
+         errors.segment<3>(3).norm() < kRotationTolerance_rad * kRotationLength_m &&
+         std::abs(errors[kPlacing]) < kRotationTolerance_rad * kSpareLength_m;
 }
 
 }  // namespace
 
 InverseKinematics::InverseKinematics(const LimbDescription& limb, LimbKinematics& kinematics)
-    : kinematics_(kinematics) {
+    : turns_(limb.turns()), kinematics_(kinematics) {
   for (int j = 0; j < kJoints; ++j) {
     lower_rad_[j] = limb.joints[j].lower_rad;
     upper_rad_[j] = limb.joints[j].upper_rad;
     velocity_rad_s_[j] = limb.joints[j].velocity_rad_s;
   }
+  if (turns_ < kJoints) return;
+  const JointVector middle_rad = (lower_rad_ + upper_rad_) / 2.0;
+  Pose gripper;
+  LimbJacobian jacobian;
+  kinematics_.evaluate(middle_rad, gripper, jacobian);
+  spare_ = Eigen::JacobiSVD<LimbJacobian>(jacobian, Eigen::ComputeFullV).matrixV().col(kPlacing);
+  spare_rad_ = spare_.dot(middle_rad);
 }
 
-JointVector InverseKinematics::damped_step(const Matrix6& jacobian, const Vector6& error, const JointVector& q_rad,
+void InverseKinematics::evaluate(const JointVector& q_rad, const Target& target, Errors& errors,
+                                 JointMatrix& jacobian) noexcept {
+  Pose gripper;
+  LimbJacobian of_gripper;
+  kinematics_.evaluate(q_rad, gripper, of_gripper);
+  errors << weighted_error(target.gripper_B, gripper), kSpareLength_m * (target.spare_rad - spare_.dot(q_rad));
+  jacobian << of_gripper.topRows<3>(), kRotationLength_m * of_gripper.bottomRows<3>(),
+      kSpareLength_m * spare_.transpose();
+}
+
+JointVector InverseKinematics::damped_step(const JointMatrix& jacobian, const Errors& errors, const JointVector& q_rad,
                                            double damping) const noexcept {
   JointVector dq = JointVector::Zero();
-  // A joint that would leave its range is pinned to the limit and the rest solved again: at most all six.
+  // A joint that would leave its range is pinned to the limit and the rest solved again: at most all of them.
   Eigen::Matrix<bool, kJoints, 1> pinned = Eigen::Matrix<bool, kJoints, 1>::Constant(false);
-  for (int pass = 0; pass <= kJoints; ++pass) {
-    Matrix6 free = jacobian;
-    Vector6 rest = error;
-    for (int j = 0; j < kJoints; ++j) {
+  for (int pass = 0; pass <= turns_; ++pass) {
+    JointMatrix free = jacobian;
+    Errors rest = errors;
+    for (int j = 0; j < turns_; ++j) {
       if (!pinned[j]) continue;
       rest -= jacobian.col(j) * dq[j];
       free.col(j).setZero();
     }
-    const Matrix6 normal = free * free.transpose() + damping * damping * Matrix6::Identity();
+    const JointMatrix normal = free * free.transpose() + damping * damping * JointMatrix::Identity();
     const JointVector step = free.transpose() * normal.llt().solve(rest);
     bool again = false;
-    for (int j = 0; j < kJoints; ++j) {
+    for (int j = 0; j < turns_; ++j) {
       if (pinned[j]) continue;
       dq[j] = step[j];
       const double inside = std::clamp(q_rad[j] + dq[j], lower_rad_[j], upper_rad_[j]);
@@ -79,34 +105,34 @@ JointVector InverseKinematics::damped_step(const Matrix6& jacobian, const Vector
 }
 
 IkResult InverseKinematics::solve(const Pose& target_B, const JointVector& start_rad, int max_iterations) noexcept {
+  return solve(Target{target_B, spare_rad_}, start_rad, max_iterations);
+}
+
+IkResult InverseKinematics::solve(const Target& target, const JointVector& start_rad, int max_iterations) noexcept {
   // Levenberg-Marquardt: a step that does not bring the gripper nearer is taken back and damped more.
   double damping = kDamping_m;
-  Pose gripper;
-  Matrix6 jacobian, jacobian_there;
+  JointMatrix jacobian, jacobian_there;
+  Errors errors, errors_there;
   JointVector q_rad = start_rad.cwiseMax(lower_rad_).cwiseMin(upper_rad_);
-  kinematics_.evaluate(q_rad, gripper, jacobian);
-  Vector6 error = weighted_error(target_B, gripper);
-  for (int iteration = 0; iteration < max_iterations && !small(error); ++iteration) {
-    jacobian.bottomRows<3>() *= kRotationLength_m;
-    const JointVector dq = damped_step(jacobian, error, q_rad, damping);
+  evaluate(q_rad, target, errors, jacobian);
+  for (int iteration = 0; iteration < max_iterations && !small(errors); ++iteration) {
+    const JointVector dq = damped_step(jacobian, errors, q_rad, damping);
     const JointVector there_rad = (q_rad + dq).cwiseMax(lower_rad_).cwiseMin(upper_rad_);
-    kinematics_.evaluate(there_rad, gripper, jacobian_there);
-    const Vector6 error_there = weighted_error(target_B, gripper);
-    if (error_there.squaredNorm() < error.squaredNorm()) {
+    evaluate(there_rad, target, errors_there, jacobian_there);
+    if (errors_there.squaredNorm() < errors.squaredNorm()) {
       q_rad = there_rad;
-      error = error_there;
+      errors = errors_there;
       jacobian = jacobian_there;
       damping = std::max(damping / kDampingFactor, kDamping_m);
     } else {
-      jacobian.bottomRows<3>() /= kRotationLength_m;
       damping *= kDampingFactor;
     }
   }
   IkResult result;
   result.q_rad = q_rad;
-  result.missed_B_m = error.head<3>();
+  result.missed_B_m = errors.head<3>();
   result.position_error_m = result.missed_B_m.norm();
-  result.rotation_error_rad = error.tail<3>().norm() / kRotationLength_m;
+  result.rotation_error_rad = errors.segment<3>(3).norm() / kRotationLength_m;
   if ((q_rad.array() <= lower_rad_.array()).any() || (q_rad.array() >= upper_rad_.array()).any()) {
     result.limited |= kIkPositionLimit;
   }
@@ -117,10 +143,12 @@ IkResult InverseKinematics::solve(const Pose& target_B, const JointVector& start
 }
 
 IkResult InverseKinematics::step(const Pose& target_B, const JointVector& last_command_rad, double dt_s) noexcept {
-  IkResult result = solve(target_B, last_command_rad, kIterationsPerCycle);
+  const double spare_rad = spare_.dot(last_command_rad), most_rad = kSpareRate_rad_s * dt_s;
+  const Target target{target_B, std::clamp(spare_rad_, spare_rad - most_rad, spare_rad + most_rad)};
+  IkResult result = solve(target, last_command_rad, kIterationsPerCycle);
   double share = 1.0;
   const JointVector dq = result.q_rad - last_command_rad;
-  for (int j = 0; j < kJoints; ++j) {
+  for (int j = 0; j < turns_; ++j) {
     const double allowed = velocity_rad_s_[j] * dt_s;
     if (std::abs(dq[j]) > allowed) share = std::min(share, allowed / std::abs(dq[j]));
   }

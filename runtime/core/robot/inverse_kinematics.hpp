@@ -1,4 +1,6 @@
 // Inverse kinematics of one limb: damped least squares from the last command, inside position and speed limits.
+// Of the angles of seven joints those count that are none off the middle of the joints' ranges in the way that leaves
+// the gripper at rest there, as planner and checker have it.
 #pragma once
 
 #include "core/robot/limb_kinematics.hpp"
@@ -26,15 +28,28 @@ class InverseKinematics {
   IkResult solve(const Pose& target_B, const JointVector& start_rad, int max_iterations) noexcept;
 
   /// One control cycle: solve() from the last command with every joint slower than its speed limit. All joints are
-  /// slowed by one common factor, so that the gripper goes on towards its target.
+  /// slowed by one common factor, so that the gripper goes on towards its target. Joints that begin off their angles of
+  /// a pose come to them slowly, with the gripper on its target.
   IkResult step(const Pose& target_B, const JointVector& last_command_rad, double dt_s) noexcept;
 
  private:
+  using Errors = JointVector;  ///< of the gripper's pose, weighted, then how far the joints are off along `spare_`
+
+  struct Target {
+    Pose gripper_B;
+    double spare_rad = 0.0;  ///< along `spare_`
+  };
+
+  IkResult solve(const Target& target, const JointVector& start_rad, int max_iterations) noexcept;
+  void evaluate(const JointVector& q_rad, const Target& target, Errors& errors, JointMatrix& jacobian) noexcept;
   /// Damped least-squares step towards `error` that leaves every joint inside its limits.
-  JointVector damped_step(const Matrix6& jacobian, const Vector6& error, const JointVector& q_rad,
+  JointVector damped_step(const JointMatrix& jacobian, const Errors& errors, const JointVector& q_rad,
                           double damping) const noexcept;
 
   JointVector lower_rad_, upper_rad_, velocity_rad_s_;
+  JointVector spare_ = JointVector::Zero();  ///< the way; 0: of six turns there is none
+  double spare_rad_ = 0.0;                   ///< how far the middle is along it
+  int turns_;
   LimbKinematics& kinematics_;
 };
 

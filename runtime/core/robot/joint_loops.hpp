@@ -8,7 +8,7 @@
 
 namespace crux {
 
-/// Position loops of a limb's six joints.
+/// Position loops of a limb's joints.
 struct JointLoops {
   JointVector position_gain_Nm_rad;
   JointVector velocity_gain_Nms_rad;
@@ -18,12 +18,12 @@ struct JointLoops {
 
 /// Mass matrices, with rotors, of a limb in the air, in the postures that msgs/python/crux_contracts/
 /// joint_loop_checks.py names; the fingers are closed.
-std::vector<Matrix6> limb_inertias(const LimbDescription& limb, const JointVector& armature_kg_m2);
+std::vector<JointMatrix> limb_inertias(const LimbDescription& limb, const JointVector& armature_kg_m2);
 
 /// Delay at which the loops begin to oscillate with that mass matrix: the least (π + arg λ) / ω over the frequencies ω
 /// at which an eigenvalue λ of (M·s² + b·s)⁻¹ (k_d·s + k_p) / (1 + T·s), s = jω, has absolute value 1 (generalised
 /// Nyquist criterion); infinite where none has.
-double delay_margin_s(const Matrix6& inertia, const JointLoops& loops);
+double delay_margin_s(const JointMatrix& inertia, const JointLoops& loops);
 
 /// Refuses gains of robot.yaml at `path` that leave less than kDeadTimeMargin times `dead_time_s`; gives the margin in
 /// the worst posture.

@@ -21,6 +21,7 @@ Pose pose(const KDL::Frame& frame) {
 LimbKinematics::LimbKinematics(const LimbDescription& limb)
     : chain_(limb.chain),
       driven_(limb.driven),
+      turns_(limb.turns()),
       position_solver_(chain_),
       joints_(chain_.getNrOfJoints()),
       frames_(chain_.getNrOfSegments()) {
@@ -36,18 +37,19 @@ LimbKinematics::LimbKinematics(const LimbDescription& limb)
   }
 }
 
-void LimbKinematics::evaluate(const JointVector& q_rad, Pose& gripper_B, Matrix6& jacobian_B) noexcept {
-  joints_.data = q_rad;
+void LimbKinematics::evaluate(const JointVector& q_rad, Pose& gripper_B, LimbJacobian& jacobian_B) noexcept {
+  joints_.data = q_rad.head(turns_);
   position_solver_.JntToCart(joints_, frames_);
   gripper_B = pose(frames_.back());
   // The solver for the Jacobian would go through the chain again, and move every column's point joint by joint.
-  for (int j = 0; j < kJoints; ++j) {
+  for (int j = 0; j < turns_; ++j) {
     const unsigned int i = segment_of_joint_[j];
     const KDL::Joint& joint = chain_.getSegment(i).getJoint();
     const KDL::Frame before = i > 0 ? frames_[i - 1] : KDL::Frame::Identity();
     const Vector3 axis_B = vector(before.M * joint.JointAxis());
     jacobian_B.col(j) << axis_B.cross(gripper_B.position_m - vector(before * joint.JointOrigin())), axis_B;
   }
+  jacobian_B.rightCols(kJoints - turns_).setZero();
 }
 
 void LimbKinematics::evaluate(const JointVector& q_rad, LimbState& state) noexcept {

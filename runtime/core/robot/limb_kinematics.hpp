@@ -14,7 +14,7 @@ namespace crux {
 /// Where one limb is, seen from the body.
 struct LimbState {
   Pose gripper_B;              ///< B <- G
-  Matrix6 jacobian_B;          ///< rows: velocity of the gripper centre, angular velocity; axes of B
+  LimbJacobian jacobian_B;     ///< rows: velocity of the gripper centre, angular velocity; axes of B
   JointVector distal_mass_kg;  ///< mass moved by each joint
   std::array<Vector3, kJoints> distal_moment_B_kgm;  ///< Σ mᵢ·cᵢ of that mass about B's origin
   double mass_kg = 0.0;                              ///< of the whole limb
@@ -33,11 +33,11 @@ class LimbKinematics {
   void evaluate(const JointVector& q_rad, LimbState& state) noexcept;
 
   /// Gripper pose and Jacobian alone, for iterations, which may turn the gripper in all ways.
-  void evaluate(const JointVector& q_rad, Pose& gripper_B, Matrix6& jacobian_B) noexcept;
+  void evaluate(const JointVector& q_rad, Pose& gripper_B, LimbJacobian& jacobian_B) noexcept;
 
  private:
   KDL::Chain chain_;
-  int driven_;
+  int driven_, turns_;
   KDL::ChainFkSolverPos_recursive position_solver_;
   KDL::JntArray joints_;
   std::vector<KDL::Frame> frames_;  ///< tip of every segment

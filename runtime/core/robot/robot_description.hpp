@@ -2,6 +2,7 @@
 // from here.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <kdl/chain.hpp>
 #include <string>
@@ -22,11 +23,15 @@ struct JointLimits {
 struct LimbDescription {
   std::string name;  ///< LF, RF, LR, RR
   int bus = 0;
-  /// Body link to gripper frame, then the turns of the gripper that a limb of fewer than kJoints joints does not make
+  /// Body link to gripper frame, then the turns of the gripper that a limb of fewer than kPlacing joints does not make
   /// (still_turns.hpp). The gripper's segment carries the fingers' mass as well.
   KDL::Chain chain;
   std::array<JointLimits, kJoints> joints{};
-  int driven = kJoints;  ///< joints; behind them come the turns
+  int driven = kPlacing;  ///< joints; behind them come the turns, and slots that nothing fills
+
+  /// How many of the slots the chain has.
+  [[nodiscard]] int turns() const { return std::max(driven, kPlacing); }
+
   /// What hangs on the far side of the F/T sensor: gripper and fingers, in the gripper frame.
   double hand_mass_kg = 0.0;
   Vector3 hand_com_G_m = Vector3::Zero();

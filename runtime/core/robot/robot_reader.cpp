@@ -157,10 +157,6 @@ RobotDescription read_robot(const std::string& yaml_path) {
   const std::string urdf_bytes = read_file(urdf_path);
   const Urdf urdf = parse_urdf(urdf_bytes, urdf_path);
 
-  if (const std::size_t joints = file.section("limb").texts("joints").size(); joints > kJoints)
-    refuse(yaml_path, "limb.joints", "a list of " + std::to_string(joints),
-           "expected at most " + std::to_string(kJoints) + ": limbs of seven joints are planned for, not driven");
-
   RobotDescription robot;
   robot.name = file.text("name");
   robot.sha256 = sha256_hex(robot_meaning(file.node(), urdf_bytes));

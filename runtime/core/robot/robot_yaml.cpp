@@ -300,7 +300,7 @@ class Checker {
         check_integer(node, place, key.low, key.high);
         break;
       case RobotKeyType::kPerJoint:
-        check_numbers(node, place, key, !joints_.empty() ? joints_.size() : node.IsSequence() ? node.size() : kJoints);
+        check_numbers(node, place, key, !joints_.empty() ? joints_.size() : node.IsSequence() ? node.size() : kPlacing);
         break;
       case RobotKeyType::kInterval:
         check_interval(node, place, key);
@@ -356,7 +356,7 @@ class Checker {
     const YAML::Node found = members(node, place, names);
     for (std::size_t i = 0; i < names.size(); ++i) {
       const YAML::Node one = found[names[i]];
-      const std::size_t gripper = kJoints + 1;
+      constexpr std::size_t gripper = bounds::kGripperNode;
       const std::size_t number = i + 1 == names.size() ? gripper : i + 1 < gripper ? i + 1 : i + 2;
       if (!one || (kind_of(one) == Kind::kInteger && value_of(one.Scalar()) == static_cast<double>(number))) continue;
       note(one, path_to(place, names[i]),

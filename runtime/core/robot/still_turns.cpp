@@ -2,6 +2,7 @@
 
 #include <Eigen/LU>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -32,7 +33,9 @@ double determinant(const KDL::Jacobian& joints, const KDL::Rotation& gripper_B, 
 }  // namespace
 
 bool add_still_turns(LimbDescription& limb) {
-  const int missing = kJoints - limb.driven;
+  constexpr JointLimits kFree{-kFarthest_rad, kFarthest_rad, crux_msgs::robot::kMaxSpeed, crux_msgs::robot::kMaxEffort};
+  std::fill(limb.joints.begin() + limb.driven, limb.joints.end(), kFree);
+  const int missing = kPlacing - limb.driven;
   if (missing <= 0) return true;
   KDL::JntArray middle_rad(static_cast<unsigned>(limb.driven));
   for (int j = 0; j < limb.driven; ++j) {
@@ -51,11 +54,9 @@ bool add_still_turns(LimbDescription& limb) {
     if (size_m3 > largest_m3) largest_m3 = size_m3, best = axes;
   }
   if (largest_m3 < crux_msgs::robot::kLeastPlacedM3) return false;
-  auto slot = static_cast<std::size_t>(limb.driven);
   for (unsigned axis = 0; axis < kAxes.size(); ++axis) {
     if ((best >> axis & 1U) == 0) continue;
     limb.chain.addSegment(KDL::Segment(KDL::Joint(KDL::Vector::Zero(), kAxes[axis], KDL::Joint::RotAxis)));
-    limb.joints[slot++] = {-kFarthest_rad, kFarthest_rad, crux_msgs::robot::kMaxSpeed, crux_msgs::robot::kMaxEffort};
   }
   return true;
 }

@@ -27,7 +27,9 @@ JointVector turning(Climber& run, const Vector3& way_m) {
   kinematics.evaluate(JointVector(run.plant.input().joint_position_rad + kLimb * kJoints), state);
   Vector6 way;
   way << way_m, Vector3::Zero();
-  return state.jacobian_B.inverse() * way;
+  JointVector turned = JointVector::Zero();
+  turned.head<kPlacing>() = state.jacobian_B.leftCols<kPlacing>().inverse() * way;
+  return turned;
 }
 
 class Drifts : public Climbing {

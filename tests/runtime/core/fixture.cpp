@@ -87,13 +87,13 @@ const RobotDescription& robot() {
 
 JointVector standing_angles() {
   JointVector q;
-  q << 0.1, 0.9, 1.9, 1.0, 0.05, 0.0;
+  q << 0.1, 0.9, 1.9, 1.0, 0.05, 0.0, 0.0;
   return q;
 }
 
 JointVector random_angles(Random& random, double spread) {
   JointVector q = standing_angles();
-  for (int j = 0; j < kJoints; ++j) q[j] += random.uniform(-spread, spread);
+  for (int j = 0; j < kPlacing; ++j) q[j] += random.uniform(-spread, spread);
   return q;
 }
 

@@ -145,11 +145,11 @@ TEST(Oscillation, InHoldingItIsAnsweredByTheNodesOwnHold) {
   ASSERT_EQ(run.core.state(), SupervisorState::kHolding);
   int cycles = 0;
   for (; cycles < 1000 && !run.result.has_fault; ++cycles) {
-    const double before_rad = run.plant.input().joint_position_rad[9];
-    run.plant.input().joint_position_rad[9] +=
+    const double before_rad = run.plant.input().joint_position_rad[10];
+    run.plant.input().joint_position_rad[10] +=
         1.5 * robot().supervisor.oscillation_rad * std::sin(2.0 * std::numbers::pi * 20.0 * kDt_s * cycles);
     run.step();
-    run.plant.input().joint_position_rad[9] = before_rad;
+    run.plant.input().joint_position_rad[10] = before_rad;
   }
   ASSERT_TRUE(run.result.has_fault);
   EXPECT_LE(cycles * kDt_s, 0.3);

@@ -51,7 +51,7 @@ TEST_P(Kinematics, JacobianEqualsFiniteDifferences) {
   for (int i = 0; i < 20; ++i) {
     const JointVector q = random_angles(random_);
     const LimbState state = at(q);
-    for (int j = 0; j < kJoints; ++j) {
+    for (int j = 0; j < kPlacing; ++j) {
       JointVector step = JointVector::Zero();
       step[j] = kStep;
       const Pose ahead = at(q + step).gripper_B, behind = at(q - step).gripper_B;
@@ -70,13 +70,13 @@ TEST_P(Kinematics, GravityTorqueEqualsNewtonEulerAndEnergy) {
     const JointVector torque = gravity_torque(at(q), g);
 
     KDL::ChainIdSolver_RNE recursion(robot().limbs[limb()].chain, KDL::Vector(g.x(), g.y(), g.z()));
-    KDL::JntArray angles(kJoints), zero(kJoints), expected(kJoints);
-    angles.data = q;
+    KDL::JntArray angles(kPlacing), zero(kPlacing), expected(kPlacing);
+    angles.data = q.head<kPlacing>();
     const KDL::Wrenches none(robot().limbs[limb()].chain.getNrOfSegments(), KDL::Wrench::Zero());
     ASSERT_EQ(recursion.CartToJnt(angles, zero, zero, none, expected), 0);
-    EXPECT_LT((torque - JointVector(expected.data)).norm(), 1e-10);
+    EXPECT_LT((torque.head<kPlacing>() - expected.data).norm(), 1e-10);
 
-    for (int j = 0; j < kJoints; ++j) {
+    for (int j = 0; j < kPlacing; ++j) {
       JointVector step = JointVector::Zero();
       step[j] = kStep;
       const double energy_slope = -g.dot(at(q + step).moment_B_kgm - at(q - step).moment_B_kgm) / (2 * kStep);
@@ -117,7 +117,7 @@ TEST_P(Kinematics, InverseOutOfReachStaysNearAndSaysSo) {
     target.position_m += 2e-4 * outwards;  // 0.4 m in the end: far beyond the limb
     result = inverse.step(target, q, 0.002);
     const JointVector moved = (result.q_rad - q).cwiseAbs();
-    for (int j = 0; j < kJoints; ++j) {
+    for (int j = 0; j < kPlacing; ++j) {
       const JointLimits& limits = robot().limbs[limb()].joints[j];
       ASSERT_LE(moved[j], limits.velocity_rad_s * 0.002 + 1e-12);
       ASSERT_GE(result.q_rad[j], limits.lower_rad);
@@ -168,8 +168,8 @@ TEST(CentreOfMass, IsTheMeanOfAllLinks) {
     // Independently: KDL's own forward kinematics up to each segment.
     const KDL::Chain& chain = robot().limbs[l].chain;
     KDL::ChainFkSolverPos_recursive forward(chain);
-    KDL::JntArray angles(kJoints);
-    angles.data = q;
+    KDL::JntArray angles(kPlacing);
+    angles.data = q.head<kPlacing>();
     for (unsigned int s = 0; s < chain.getNrOfSegments(); ++s) {
       KDL::Frame frame;
       forward.JntToCart(angles, frame, static_cast<int>(s) + 1);

@@ -227,7 +227,7 @@ TEST(LimbController, CommandsLeadByWhatTheNodesFilterLags) {
     }
     if (i < 50) continue;  // it starts with a jolt
     Pose gripper_B;
-    Matrix6 jacobian_B;
+    LimbJacobian jacobian_B;
     kinematics.evaluate(setpoint, gripper_B, jacobian_B);
     farthest_m = std::max(farthest_m, ((body * gripper_B).position_m - reference.gripper_position_W_m).norm());
     largest_rad_s = std::max(largest_rad_s, (velocity - (setpoint - before) / dt_s).cwiseAbs().maxCoeff());

@@ -156,7 +156,7 @@ TEST_F(Restart, ALimbInTheAirThatPressesIsNotWhereItWas) {
 }
 
 TEST_F(Restart, UntilAllNodesAreHeardNothingIsDecided) {
-  look([](control_input_t& in) { in.joint_fresh[7] = 0; });
+  look([](control_input_t& in) { in.joint_fresh[8] = 0; });
   EXPECT_EQ(told_.code, 0);
   EXPECT_EQ(second_.core.state(), SupervisorState::kIdle);
   second_.step(command_t::START);

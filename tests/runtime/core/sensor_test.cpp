@@ -33,19 +33,19 @@ class Sensors : public Climbing {
 };
 
 TEST_F(Sensors, AnEncoderThatJumpsIsNamedAtOnceAndItsJointStaysWhereItIs) {
-  const double before_rad = run_.result.output.joint_position_rad[13];
+  const double before_rad = run_.result.output.joint_position_rad[15];
   double jump_rad = 0.1;
   const auto jumped = [&](crux_msgs::control_input_t& in) {
-    in.joint_position_rad[13] += std::exchange(jump_rad, 0.0);
+    in.joint_position_rad[15] += std::exchange(jump_rad, 0.0);
   };
   EXPECT_EQ(until_fault(jumped, 10), 1);
   expect_fault(FaultCode::kEncoderJumped, 2, 2);
-  EXPECT_NEAR(run_.result.output.joint_position_rad[13] - before_rad, 0.1, 1e-3);  // as its encoder counts now
+  EXPECT_NEAR(run_.result.output.joint_position_rad[15] - before_rad, 0.1, 1e-3);  // as its encoder counts now
 }
 
 TEST_F(Sensors, AJointAsQuickAsItMayBeIsNoJump) {
   const double most_rad = robot().limbs[2].joints[1].velocity_rad_s * run_.plant.input().dt_s;
-  EXPECT_EQ(until_fault([&](crux_msgs::control_input_t& in) { in.joint_position_rad[13] += most_rad; }, 3), 4);
+  EXPECT_EQ(until_fault([&](crux_msgs::control_input_t& in) { in.joint_position_rad[15] += most_rad; }, 3), 4);
 }
 
 TEST_F(Sensors, AnEncoderThatFreezesInASwingIsNamed) {
@@ -57,8 +57,8 @@ TEST_F(Sensors, AnEncoderThatFreezesInASwingIsNamed) {
 }
 
 TEST_F(Sensors, ALimbWhoseEncoderFrozeStandsStillAndTheBodyIsWhereTheOthersSayItIs) {
-  const double frozen_rad = run_.plant.input().joint_position_rad[13];
-  const auto freeze = [&](crux_msgs::control_input_t& in) { in.joint_position_rad[13] = frozen_rad; };
+  const double frozen_rad = run_.plant.input().joint_position_rad[15];
+  const auto freeze = [&](crux_msgs::control_input_t& in) { in.joint_position_rad[15] = frozen_rad; };
   ASSERT_LT(until_fault(freeze, 12000), 12000);
   expect_fault(FaultCode::kEncoderFrozen, 2, 2);
   const auto commands_rad = [&] {
@@ -70,7 +70,7 @@ TEST_F(Sensors, ALimbWhoseEncoderFrozeStandsStillAndTheBodyIsWhereTheOthersSayIt
   const Vector3 before_m = body_m();
   for (int i = 0; i < 1000; ++i) {
     freeze(run_.plant.input());
-    run_.plant.input().joint_position_rad[12] += 2e-5 * i;  // to 20 mrad: what its other joints say
+    run_.plant.input().joint_position_rad[14] += 2e-5 * i;  // to 20 mrad: what its other joints say
     run_.plant.input().ft_force_g_n[7] += 20.0;
     run_.step();
   }

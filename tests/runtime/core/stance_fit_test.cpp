@@ -156,11 +156,11 @@ TEST_F(Stance, WhatMovesAtOnceHasNotMovedSlowly) {
 
 TEST_F(Stance, AnEncoderThatDriftsIsNamedByItsJoint) {
   const Pose body_W = {Matrix3::Identity(), {0.0, 0.0, 0.18}};
-  const std::array<Vector3, kJoints> hinge_B_m = {Vector3{0.1, 0.1, 0.0}, {0.1, 0.13, 0.0}, {0.1, 0.25, 0.1},
-                                                  {0.1, 0.3, 0.05},       {0.1, 0.35, 0.0}, {0.1, 0.36, -0.1}};
-  const std::array<Vector3, kJoints> axis = {Vector3::UnitZ(), Vector3::UnitX(), Vector3::UnitX(),
-                                             Vector3::UnitX(), Vector3::UnitY(), Vector3::UnitZ()};
-  for (int joint = 0; joint < kJoints; ++joint) {
+  const std::array<Vector3, kPlacing> hinge_B_m = {Vector3{0.1, 0.1, 0.0}, {0.1, 0.13, 0.0}, {0.1, 0.25, 0.1},
+                                                   {0.1, 0.3, 0.05},       {0.1, 0.35, 0.0}, {0.1, 0.36, -0.1}};
+  const std::array<Vector3, kPlacing> axis = {Vector3::UnitZ(), Vector3::UnitX(), Vector3::UnitX(),
+                                              Vector3::UnitX(), Vector3::UnitY(), Vector3::UnitZ()};
+  for (int joint = 0; joint < kPlacing; ++joint) {
     StanceFit fit(robot().stance);
     double drifted_rad = 0.0;
     for (int i = 0; i < 4400; ++i) {
@@ -168,7 +168,8 @@ TEST_F(Stance, AnEncoderThatDriftsIsNamedByItsJoint) {
       PerLimb<FittedLimb> limbs;
       for (int l = 0; l < kLimbs; ++l) {
         states_[l].gripper_B = body_W.inverse() * gripper_W_[l];
-        for (int j = 0; j < kJoints; ++j) {
+        states_[l].jacobian_B.setZero();
+        for (int j = 0; j < kPlacing; ++j) {
           const Vector3 arm_m = states_[l].gripper_B.position_m - hinge_B_m[j];
           states_[l].jacobian_B.col(j) << axis[j].cross(arm_m), axis[j];
         }

@@ -14,7 +14,7 @@ namespace {
 using crux_msgs::command_t;
 using crux_msgs::control_input_t;
 
-constexpr int kJoint = 13;  // LR's second
+constexpr int kJoint = 2 * kJoints + 1;  // LR's second
 constexpr int kLimb = kJoint / kJoints;
 constexpr int kLong = 2500;  // cycles
 constexpr double kSag_rad = 0.002;

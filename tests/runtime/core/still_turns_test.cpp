@@ -29,16 +29,16 @@ LimbDescription four_joints(const KDL::Vector& first_axis = {0, 0, 1}) {
 TEST(StillTurns, AreAboutTheAxesThatTheJointsDoNotTurnTheGripperAbout) {
   LimbDescription limb = four_joints();
   ASSERT_TRUE(add_still_turns(limb));
-  ASSERT_EQ(limb.chain.getNrOfJoints(), static_cast<unsigned>(kJoints));
+  ASSERT_EQ(limb.chain.getNrOfJoints(), static_cast<unsigned>(kPlacing));
   LimbKinematics kinematics(limb);
   LimbState state;
   JointVector q_rad;
-  q_rad << 0.3, 0.8, 1.6, -0.8, 0.0, 0.0;
+  q_rad << 0.3, 0.8, 1.6, -0.8, 0.0, 0.0, 0.0;
   kinematics.evaluate(q_rad, state);
-  EXPECT_TRUE(state.jacobian_B.rightCols<2>().isZero());
+  EXPECT_TRUE(state.jacobian_B.rightCols<3>().isZero());
   EXPECT_EQ(state.distal_mass_kg[4], 0.0);
   Pose gripper_B, turned_B;
-  Matrix6 jacobian;
+  LimbJacobian jacobian;
   kinematics.evaluate(q_rad, gripper_B, jacobian);
   turned_B = gripper_B;
   turned_B.rotation = gripper_B.rotation * rotation_z(0.1);
@@ -46,7 +46,7 @@ TEST(StillTurns, AreAboutTheAxesThatTheJointsDoNotTurnTheGripperAbout) {
   const IkResult found = inverse.solve(turned_B, q_rad, 50);
   EXPECT_EQ(found.limited, 0);
   EXPECT_TRUE(found.q_rad.head<4>().isApprox(q_rad.head<4>(), 1e-5));  // a turn on the spot is none of the joints'
-  EXPECT_NEAR(found.q_rad.tail<2>().norm(), 0.1, 1e-6);
+  EXPECT_NEAR(found.q_rad.tail<3>().norm(), 0.1, 1e-6);
 }
 
 TEST(StillTurns, AreRefusedWhereJointsMoveTheGripperInAPlane) {
@@ -60,7 +60,7 @@ TEST(YieldingPart, IsWhatTheJointsFeelAndCanAnswer) {
   LimbKinematics kinematics(limb);
   LimbState state;
   JointVector q_rad;
-  q_rad << 0.3, 0.8, 1.6, -0.8, 0.0, 0.0;
+  q_rad << 0.3, 0.8, 1.6, -0.8, 0.0, 0.0, 0.0;
   kinematics.evaluate(q_rad, state);
   AdmittanceParameters gains;
   gains.damping_Ns_m = 400.0;

@@ -331,7 +331,7 @@ class Faults : public testing::Test {
 };
 
 TEST_F(Faults, ASilentNodeStopsControlAndTheNodesHold) {
-  spoil_ = [](crux_msgs::control_input_t& in) { in.joint_fresh[8] = 0; };
+  spoil_ = [](crux_msgs::control_input_t& in) { in.joint_fresh[9] = 0; };
   expect_fault(FaultCode::kNodeSilent, SupervisorState::kFault, 1, 3);
   expect_all_joint_modes(NodeMode::kHold);
   EXPECT_GT(run_->result.state.missed_cycles, robot().supervisor.silent_cycles);
@@ -403,7 +403,7 @@ TEST_F(Faults, AnUnfitNodeIsNamed) {
 }
 
 TEST_F(Faults, AStoppedBridgeMakesANodeUnfit) {
-  input().joint_faults[13] = 0x02;  // cause 11 of msgs/can
+  input().joint_faults[15] = 0x02;  // cause 11 of msgs/can
   expect_fault(FaultCode::kNodeFault, SupervisorState::kFault, 2, 2);
 }
 
@@ -413,26 +413,26 @@ TEST_F(Faults, ALostThermometerMakesANodeUnfit) {
 }
 
 TEST_F(Faults, ABoardThatIsNotCalibratedIsUnfit) {
-  input().joint_faults[13] = 0x80;  // cause 13
+  input().joint_faults[15] = 0x80;  // cause 13
   expect_fault(FaultCode::kNodeFault, SupervisorState::kFault, 2, 2);
 }
 
 TEST_F(Faults, TwoNodesWithOneNumberAreToldBeforeTheirSilence) {
   spoil_ = [](crux_msgs::control_input_t& in) {
-    in.joint_faults[7] = kFaultTwoSenders;
-    in.joint_fresh[7] = 0;
+    in.joint_faults[8] = kFaultTwoSenders;
+    in.joint_fresh[8] = 0;
   };
   expect_fault(FaultCode::kNodeTwice, SupervisorState::kFault, 1, 2);
 }
 
 TEST_F(Faults, ANodeThatLatchedItsHoldMakesTheRobotHoldAndCanBeRearmed) {
-  input().joint_faults[13] = kFaultCommandTimeout;
+  input().joint_faults[15] = kFaultCommandTimeout;
   expect_fault(FaultCode::kNodeHolds, SupervisorState::kHolding, 2, 2);
   run_->steps(10);
   EXPECT_EQ(run_->step(command_t::RESUME).command_verdict, CommandVerdict::kRefused);
   run_->step(command_t::CLEAR_FAULT);  // the plant obeys REARM by clearing the fault bit
   run_->steps(100);
-  EXPECT_EQ(input().joint_faults[13], 0);
+  EXPECT_EQ(input().joint_faults[15], 0);
   expect_all_joint_modes(NodeMode::kTrack);
   EXPECT_EQ(run_->step(command_t::RESUME).command_verdict, CommandVerdict::kAccepted);
   EXPECT_TRUE(run_->until(SupervisorState::kHolding, 20000));

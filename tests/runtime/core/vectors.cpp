@@ -36,7 +36,7 @@ Vector3 part(const double* values) { return {values[0], values[1], values[2]}; }
 
 void print_limb(int limb) {
   LimbKinematics kinematics(robot().limbs[limb]);
-  JointVector q;
+  JointVector q = JointVector::Zero();
   while (std::cin >> q[0] >> q[1] >> q[2] >> q[3] >> q[4] >> q[5]) {
     LimbState state;
     kinematics.evaluate(q, state);
@@ -44,7 +44,7 @@ void print_limb(int limb) {
     for (int i = 0; i < 9; ++i) print(state.gripper_B.rotation(i / 3, i % 3));
     for (int i = 0; i < 36; ++i) print(state.jacobian_B(i / 6, i % 6));
     const JointVector torque = gravity_torque(state, {0.0, 0.0, -9.81});
-    for (int i = 0; i < kJoints; ++i) print(torque[i]);
+    for (int i = 0; i < kPlacing; ++i) print(torque[i]);
     std::printf("\n");
   }
 }

@@ -31,7 +31,7 @@ Buses open_all(const std::string& first) {
 class Answers {
  public:
   std::span<const Frame> to(std::uint16_t cycle) {
-    for (std::uint32_t node = 1; node <= CRUX_CAN_JOINTS; ++node) {
+    for (std::uint32_t node = 1; node < CRUX_CAN_NODE_GRIPPER; ++node) {
       crux_can_joint_status_t status{};
       status.cycle_echo = cycle;
       Frame& frame = set(node - 1, CRUX_CAN_ID_JOINT_STATUS(node), CRUX_CAN_LENGTH_JOINT_STATUS);

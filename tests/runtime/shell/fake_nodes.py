@@ -12,6 +12,7 @@ from crux_contracts.robot import load_robot
 
 LIMBS = 4
 JOINTS = range(1, 7)
+SLOTS = 7  # of a limb in messages
 GRIPPER = 7
 SYNC = 0x10
 COMMANDS = (*range(0x101, 0x108), 0x20)

@@ -16,8 +16,8 @@ RobotDescription test_robot(double kp = 100.0, double kd = 4.0) {
   RobotDescription robot;
   robot.name = "test";
   robot.sha256 = std::string(64, '0');
-  for (std::size_t joint = 0; joint < kJoints; ++joint) {
-    robot.can.nodes.joints[joint] = static_cast<int>(kJoints - joint);  // backwards: joint 1 is node 6
+  for (std::size_t joint = 0; joint < kPlacing; ++joint) {
+    robot.can.nodes.joints[joint] = static_cast<int>(kPlacing - joint);  // backwards: joint 1 is node 6
     robot.servo.position_gain_Nm_rad[joint] = kp;
     robot.servo.velocity_gain_Nms_rad[joint] = kd;
   }
@@ -37,7 +37,7 @@ TEST(LimbBroadcast, OneFrameCarriesEverythingOfALimb) {
   LimbBus limb(kLimb, test_robot(), CommandFrames::kBroadcast);
   crux_msgs::control_output_t output{};
   for (int joint = 0; joint < 6; ++joint) {
-    const int i = 6 * kLimb + joint;
+    const int i = kJoints * kLimb + joint;
     output.joint_mode[i] = 1;
     output.joint_position_rad[i] = -0.1 * (joint + 1);
     output.joint_velocity_rad_s[i] = 0.25;

@@ -19,7 +19,7 @@ RobotDescription test_robot() {
   RobotDescription robot;
   robot.name = "test";
   robot.sha256 = "89abcdef" + std::string(56, '0');
-  for (int joint = 0; joint < kJoints; ++joint) {
+  for (int joint = 0; joint < kPlacing; ++joint) {
     robot.can.nodes.joints[static_cast<std::size_t>(joint)] = joint + 1;
     robot.servo.position_gain_Nm_rad[static_cast<std::size_t>(joint)] = 100.0 + joint;
     robot.servo.velocity_gain_Nms_rad[static_cast<std::size_t>(joint)] = 4.0;
@@ -137,10 +137,10 @@ class LimbBusTest : public ::testing::Test {
 
 TEST_F(LimbBusTest, SendsCommandsThenSyncEachProtected) {
   for (int joint = 0; joint < 6; ++joint) {
-    output_.joint_mode[6 * kLimb + joint] = 1;
-    output_.joint_position_rad[6 * kLimb + joint] = 0.1 * joint;
-    output_.joint_velocity_rad_s[6 * kLimb + joint] = -0.25;
-    output_.joint_torque_nm[6 * kLimb + joint] = 1e6;  // beyond what the signal can carry
+    output_.joint_mode[kJoints * kLimb + joint] = 1;
+    output_.joint_position_rad[kJoints * kLimb + joint] = 0.1 * joint;
+    output_.joint_velocity_rad_s[kJoints * kLimb + joint] = -0.25;
+    output_.joint_torque_nm[kJoints * kLimb + joint] = 1e6;  // beyond what the signal can carry
   }
   output_.gripper_mode[kLimb] = 1;
   output_.finger_opening_m[kLimb] = 0.04;
@@ -196,8 +196,8 @@ TEST_F(LimbBusTest, AnswersFillTheInputOfTheirLimbOnly) {
   take(nodes_.all(1));
   EXPECT_TRUE(limb_.complete());
   const auto in = input();
-  for (int i = 0; i < 24; ++i) EXPECT_EQ(in.joint_fresh[i], i / 6 == kLimb ? 1 : 0) << i;
-  const int i = 6 * kLimb + 3;
+  for (int i = 0; i < kAllJoints; ++i) EXPECT_EQ(in.joint_fresh[i], i / kJoints == kLimb ? 1 : 0) << i;
+  const int i = kJoints * kLimb + 3;
   EXPECT_EQ(in.joint_state[i], 2);
   EXPECT_EQ(in.joint_faults[i], 0x81);
   EXPECT_DOUBLE_EQ(in.joint_position_rad[i], 0.5);
@@ -239,9 +239,9 @@ TEST_F(LimbBusTest, EverySingleBitErrorIsRejected) {
     take(bad);
   }
   EXPECT_EQ(limb_.statistics().crc_errors, 8U * good.length);
-  EXPECT_EQ(input().joint_fresh[6 * kLimb], 0);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb], 0);
   take(good);
-  EXPECT_EQ(input().joint_fresh[6 * kLimb], 1);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb], 1);
 }
 
 TEST_F(LimbBusTest, AFrameUnderAnotherIdentifierIsRejected) {
@@ -250,7 +250,7 @@ TEST_F(LimbBusTest, AFrameUnderAnotherIdentifierIsRejected) {
   stolen.id = CRUX_CAN_ID_JOINT_STATUS(2);
   take(stolen);
   EXPECT_EQ(limb_.statistics().crc_errors, 1U);
-  EXPECT_EQ(input().joint_fresh[6 * kLimb + 1], 0);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb + 1], 0);
 }
 
 TEST_F(LimbBusTest, RepeatsAreDroppedAndGapsAreCounted) {
@@ -262,12 +262,12 @@ TEST_F(LimbBusTest, RepeatsAreDroppedAndGapsAreCounted) {
   cycle(65537);  // echoes as 1 again
   take(first);
   EXPECT_EQ(limb_.statistics().repeated, 2U);
-  EXPECT_EQ(input().joint_fresh[6 * kLimb], 0);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb], 0);
   cycle(2);
   nodes_.joint_status(1, 2);  // lost
   take(nodes_.joint_status(1, 2));
   EXPECT_EQ(limb_.statistics().lost, 1U);
-  EXPECT_EQ(input().joint_fresh[6 * kLimb], 1);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb], 1);
 }
 
 // Two boards with one number: each answers every Sync, with a counter of its own.
@@ -285,8 +285,8 @@ TEST_F(LimbBusTest, BelievesNeitherOfTwoSendersUnderOneNumber) {
         limb.pack_cycle(output_, n, nullptr);
         limb.take(right.joint_status(2, n, kTrue), notice_);
         limb.fill(input);
-        ASSERT_EQ(input.joint_fresh[6 * kLimb + 1], 1);
-        ASSERT_EQ(input.joint_faults[6 * kLimb + 1] & kFaultTwoSenders, 0);
+        ASSERT_EQ(input.joint_fresh[kJoints * kLimb + 1], 1);
+        ASSERT_EQ(input.joint_faults[kJoints * kLimb + 1] & kFaultTwoSenders, 0);
         wrong.joint_status(2, n);
       }
       int cycles = 0;  // until it is told
@@ -296,21 +296,21 @@ TEST_F(LimbBusTest, BelievesNeitherOfTwoSendersUnderOneNumber) {
         limb.take(second_first ? other : one, notice_);
         limb.take(second_first ? one : other, notice_);
         limb.fill(input);
-        if ((input.joint_faults[6 * kLimb + 1] & kFaultTwoSenders) == 0) {
+        if ((input.joint_faults[kJoints * kLimb + 1] & kFaultTwoSenders) == 0) {
           ASSERT_LE(++cycles, 4) << ahead;  // 10 ms at 500 Hz are five
         } else {
-          ASSERT_EQ(input.joint_fresh[6 * kLimb + 1], 0) << ahead;
+          ASSERT_EQ(input.joint_fresh[kJoints * kLimb + 1], 0) << ahead;
         }
       }
-      EXPECT_NE(input.joint_faults[6 * kLimb + 1] & kFaultTwoSenders, 0) << ahead;
+      EXPECT_NE(input.joint_faults[kJoints * kLimb + 1] & kFaultTwoSenders, 0) << ahead;
       for (; n <= 80; ++n) {  // alone again
         limb.pack_cycle(output_, n, nullptr);
         limb.take(right.joint_status(2, n, kTrue), notice_);
         limb.take(right.identity(2, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash), notice_);
       }
       limb.fill(input);
-      EXPECT_EQ(input.joint_fresh[6 * kLimb + 1], 1) << ahead;
-      EXPECT_EQ(input.joint_faults[6 * kLimb + 1] & kFaultTwoSenders, 0) << ahead;
+      EXPECT_EQ(input.joint_fresh[kJoints * kLimb + 1], 1) << ahead;
+      EXPECT_EQ(input.joint_faults[kJoints * kLimb + 1] & kFaultTwoSenders, 0) << ahead;
     }
   }
 }
@@ -327,7 +327,7 @@ TEST_F(LimbBusTest, BelievesNeitherOfTwoWrenches) {
   EXPECT_EQ(input().ft_fresh[kLimb], 0);
   EXPECT_EQ(input().gripper_fresh[kLimb], 0);
   EXPECT_NE(input().gripper_faults[kLimb] & kFaultTwoSenders, 0);
-  EXPECT_EQ(input().joint_faults[6 * kLimb] & kFaultTwoSenders, 0);
+  EXPECT_EQ(input().joint_faults[kJoints * kLimb] & kFaultTwoSenders, 0);
   EXPECT_TRUE(limb_.complete());  // the cycle goes on
 }
 
@@ -338,14 +338,14 @@ TEST_F(LimbBusTest, ACounterThatJumpsIsNotUsedBeforeItsNodeHasSaidWhoItIs) {
   for (std::uint16_t n = 2; n <= 4; ++n) {
     cycle(n);
     take(nodes_.joint_status(1, n, 0.2F));
-    EXPECT_EQ(input().joint_fresh[6 * kLimb], 0);
-    EXPECT_EQ(input().joint_position_rad[6 * kLimb], static_cast<double>(0.1F));
-    EXPECT_EQ(input().joint_faults[6 * kLimb] & kFaultTwoSenders, 0);
+    EXPECT_EQ(input().joint_fresh[kJoints * kLimb], 0);
+    EXPECT_EQ(input().joint_position_rad[kJoints * kLimb], static_cast<double>(0.1F));
+    EXPECT_EQ(input().joint_faults[kJoints * kLimb] & kFaultTwoSenders, 0);
   }
   take(nodes_.identity(1, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash));
   cycle(5);
   take(nodes_.joint_status(1, 5, 0.2F));
-  EXPECT_EQ(input().joint_fresh[6 * kLimb], 1);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb], 1);
 }
 
 TEST_F(LimbBusTest, ARestartedNodeIsHeardAtOnce) {
@@ -358,7 +358,7 @@ TEST_F(LimbBusTest, ARestartedNodeIsHeardAtOnce) {
   take(nodes_.emergency(1, CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE, 0));
   cycle(4);
   take(nodes_.joint_status(1, 4, 0.3F));
-  EXPECT_EQ(input().joint_fresh[6 * kLimb], 1);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb], 1);
 }
 
 TEST_F(LimbBusTest, ALateAnswerIsNewsButNotFresh) {
@@ -366,11 +366,11 @@ TEST_F(LimbBusTest, ALateAnswerIsNewsButNotFresh) {
   cycle(2);
   take(nodes_.joint_status(1, 1, 0.25F));
   EXPECT_EQ(limb_.statistics().late, 1U);
-  EXPECT_EQ(input().joint_fresh[6 * kLimb], 0);
-  EXPECT_DOUBLE_EQ(input().joint_position_rad[6 * kLimb], 0.25);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb], 0);
+  EXPECT_DOUBLE_EQ(input().joint_position_rad[kJoints * kLimb], 0.25);
   take(nodes_.joint_status(1, 2, 0.5F));
-  EXPECT_EQ(input().joint_fresh[6 * kLimb], 1);
-  EXPECT_DOUBLE_EQ(input().joint_position_rad[6 * kLimb], 0.5);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb], 1);
+  EXPECT_DOUBLE_EQ(input().joint_position_rad[kJoints * kLimb], 0.5);
 }
 
 TEST_F(LimbBusTest, RepeatedWakeUpsKeepTheFirstAnswers) {
@@ -378,10 +378,10 @@ TEST_F(LimbBusTest, RepeatedWakeUpsKeepTheFirstAnswers) {
   take(nodes_.joint_status(1, 0, 0.25F));
   EXPECT_EQ(limb_.pack_wake_up().size(), 1U);
   take(nodes_.joint_status(1, 0, 0.5F));
-  EXPECT_EQ(input().joint_fresh[6 * kLimb], 1);
-  EXPECT_DOUBLE_EQ(input().joint_position_rad[6 * kLimb], 0.25);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb], 1);
+  EXPECT_DOUBLE_EQ(input().joint_position_rad[kJoints * kLimb], 0.25);
   cycle(1);
-  EXPECT_EQ(input().joint_fresh[6 * kLimb], 0);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb], 0);
 }
 
 TEST_F(LimbBusTest, OwnAndForeignFramesChangeNothing) {
@@ -411,7 +411,7 @@ TEST_F(LimbBusTest, TellsAnotherHostFromItsOwnEcho) {
   take(own);
   EXPECT_FALSE(limb_.foreign_host());
   LimbBus second(kLimb, robot_);
-  output_.joint_position_rad[6 * kLimb] = 0.5;
+  output_.joint_position_rad[kJoints * kLimb] = 0.5;
   for (int n = 1; n <= 7; ++n) second.pack_cycle(output_, static_cast<std::uint32_t>(n), nullptr);
   const auto foreign = second.pack_cycle(output_, 8, nullptr);
   take(std::vector<Frame>(foreign.begin(), foreign.end()));
@@ -458,11 +458,11 @@ TEST_F(LimbBusTest, ANodeThatIsNotWhatItShouldBeIsNotListenedTo) {
     EXPECT_EQ(notice_.kind, c.kind);
     EXPECT_EQ(notice_.node, 4);
     take(nodes_.all(n));
-    EXPECT_EQ(input().joint_fresh[6 * kLimb + 3], 0);
+    EXPECT_EQ(input().joint_fresh[kJoints * kLimb + 3], 0);
     EXPECT_FALSE(limb_.identified());
     EXPECT_FALSE(take(nodes_.identity(4, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash)));
     take(nodes_.joint_status(4, n));
-    EXPECT_EQ(input().joint_fresh[6 * kLimb + 3], 1);
+    EXPECT_EQ(input().joint_fresh[kJoints * kLimb + 3], 1);
     EXPECT_TRUE(limb_.identified());
   }
   EXPECT_EQ(limb_.statistics().distrusted, 3U);
@@ -480,11 +480,52 @@ TEST_F(LimbBusTest, WhoWasSilentIsAskedAgain) {
   const auto frames = cycle(++n, &heartbeat);
   EXPECT_EQ(frames[0].data[3] >> 5, 3) << "Identify";
   take(nodes_.all(n));
-  EXPECT_EQ(input().joint_fresh[6 * kLimb + 2], 0);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb + 2], 0);
   take(nodes_.identity(3, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash));
   EXPECT_EQ(cycle(++n, &heartbeat)[0].data[3] >> 5, 0);
   take(nodes_.all(n));
-  EXPECT_EQ(input().joint_fresh[6 * kLimb + 2], 1);
+  EXPECT_EQ(input().joint_fresh[kJoints * kLimb + 2], 1);
+}
+
+RobotDescription robot_of_seven() {
+  RobotDescription robot = test_robot();
+  robot.limbs[kLimb].driven = 7;
+  robot.can.nodes.joints[6] = 8;
+  return robot;
+}
+
+TEST_F(LimbBusTest, ASeventhJointIsNodeEight) {
+  LimbBus limb(kLimb, robot_of_seven());
+  output_.joint_position_rad[kJoints * kLimb + 6] = 0.75;
+  const std::span<const Frame> frames = limb.pack_cycle(output_, 1, nullptr);
+  ASSERT_EQ(frames.size(), 9U);  // seven joints, gripper, Sync
+  EXPECT_EQ(frames[6].id, 0x108U);
+  crux_can_joint_command_t command{};
+  crux_can_joint_command_unpack(&command, frames[6].data.data(), frames[6].length);
+  EXPECT_EQ(command.position_rad, 0.75F);
+  for (std::uint8_t node = 1; node <= 8; ++node)
+    limb.take(nodes_.identity(node, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash), notice_);
+  EXPECT_TRUE(limb.identified());
+  limb.take(nodes_.joint_status(8, 1, 0.25F), notice_);
+  crux_msgs::control_input_t input{};
+  limb.fill(input);
+  EXPECT_EQ(input.joint_fresh[kJoints * kLimb + 6], 1);
+  EXPECT_EQ(input.joint_position_rad[kJoints * kLimb + 6], 0.25);
+  EXPECT_EQ(input.joint_fresh[kJoints * kLimb + 5], 0);
+  EXPECT_EQ(limb.silent_nodes(), (std::vector<int>{1, 2, 3, 4, 5, 6, 7}));
+}
+
+TEST_F(LimbBusTest, NodeEightIsAskedWithTheGripper) {
+  LimbBus limb(kLimb, robot_of_seven());
+  for (std::uint8_t node = 1; node <= 7; ++node)
+    limb.take(nodes_.identity(node, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash), notice_);
+  EXPECT_FALSE(limb.identified());
+  const HostHeartbeat heartbeat{0, 0};
+  EXPECT_EQ(limb.pack_cycle(output_, 1, &heartbeat)[0].data[3] >> 5, 7) << "Identify";
+}
+
+TEST(LimbBus, ABroadcastHasNoRoomForSevenJoints) {
+  EXPECT_THROW(LimbBus(kLimb, robot_of_seven(), CommandFrames::kBroadcast), BusError);
 }
 
 TEST_F(LimbBusTest, EmergenciesAreForwarded) {
@@ -496,7 +537,7 @@ TEST_F(LimbBusTest, EmergenciesAreForwarded) {
   EXPECT_EQ(notice_.detail, 77U);
   nodes_ = Nodes();  // restarted: counts anew
   EXPECT_TRUE(take(nodes_.emergency(3, CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE, 0)));
-  EXPECT_EQ(input().joint_state[kLimb * 6 + 2], 0);  // BOOT
+  EXPECT_EQ(input().joint_state[kLimb * kJoints + 2], 0);  // BOOT
 }
 
 TEST_F(LimbBusTest, NodeNumbersOutsideTheDatabaseAreRefused) {

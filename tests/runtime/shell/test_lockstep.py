@@ -15,7 +15,7 @@ from crux_contracts import can_codec
 from crux_msgs import command_t
 from crux_tools.paths import built
 from crux_tools.telemetry import read_channels
-from fake_nodes import GRIPPER, JOINTS, LIMBS, FakeNodes, finger_force_N, joint_position_rad
+from fake_nodes import GRIPPER, JOINTS, LIMBS, SLOTS, FakeNodes, finger_force_N, joint_position_rad
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from own_runtime import ROBOT, Runtime, Starter, rerun_info
@@ -69,7 +69,7 @@ def test_log_holds_what_the_nodes_said(finished: Finished) -> None:
         assert set(given.joint_fresh) == set(given.gripper_fresh) == set(given.ft_fresh) == {1}
         for limb in range(LIMBS):
             for node in JOINTS:
-                joint = 6 * limb + node - 1
+                joint = SLOTS * limb + node - 1
                 assert given.joint_position_rad[joint] == joint_position_rad(echoed, limb, node)
                 assert given.joint_velocity_rad_s[joint] == pytest.approx(-0.5, abs=1e-6)
             assert given.finger_force_n[limb] == pytest.approx(finger_force_N(echoed, limb), abs=1e-4)
@@ -91,7 +91,7 @@ def test_nodes_get_what_the_log_says(finished: Finished) -> None:
             commands = nodes.commands[limb, 0x100 + node]
             assert len(commands) >= CYCLES
             for output, command in zip(outputs, commands, strict=False):
-                joint = 6 * limb + node - 1
+                joint = SLOTS * limb + node - 1
                 assert command.values["Mode"] == output.joint_mode[joint]
                 assert command.values["Position_rad"] == pytest.approx(output.joint_position_rad[joint], abs=1e-6)
                 assert command.values["Torque_Nm"] == pytest.approx(output.joint_torque_nm[joint], abs=6e-4)
@@ -244,7 +244,7 @@ def test_a_silent_node_costs_the_guard_time_and_is_counted(start: Starter) -> No
         ]
     assert len(decoded) >= 5
     for given in decoded[1:]:
-        assert [i for i, fresh in enumerate(given.joint_fresh) if not fresh] == [6 * 2 + 2]
+        assert [i for i, fresh in enumerate(given.joint_fresh) if not fresh] == [SLOTS * 2 + 2]
 
 
 def test_sigterm_ends_with_a_hold_and_a_whole_log_of_late_nodes_too(start: Starter) -> None:

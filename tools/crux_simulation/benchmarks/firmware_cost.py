@@ -88,7 +88,7 @@ def _path(case: str, place: Place, robot: Robot, time_s: float) -> float:
         low, high = robot.gripper.opening_m
         fastest = robot.gripper.max_finger_speed_m_s
     else:
-        joint = robot.limbs[place.limb].joints[place.node - 1]
+        joint = robot.limbs[place.limb].joints[can_codec.JOINT_NODES.index(place.node)]
         low, high, fastest = joint.lower, joint.upper, joint.velocity
     middle, reach = 0.5 * (low + high), 0.4 * (high - low)
     share = {"swinging": 0.2, "at full speed": 1.0}.get(case, 0.0)

@@ -33,7 +33,7 @@ from mujoco import MjSpec
 
 from crux_simulation.sim.climb_result import ClimbResult, reason_of
 from crux_simulation.sim.disturbance import Course, Disturbance, look_back
-from crux_simulation.sim.emulated_boards import EmulatedBoards, Place
+from crux_simulation.sim.emulated_boards import GRIPPER, EmulatedBoards, Place
 from crux_simulation.sim.fault_file import OF_THE_RUNTIME, Fault
 from crux_simulation.sim.firmware_nodes import FirmwareNodes
 from crux_simulation.sim.judge import Tracking, judge, track
@@ -199,8 +199,8 @@ def climb(
             boards.power_on(plant)
         runtime, link, nodes = _power_on(stack, robot, log, options, plan, boards)
         plant.drive(
-            [place.joint for place in options.emulated if place.joint is not None],
-            [place.limb for place in options.emulated if place.joint is None],
+            [joint for place in options.emulated if (joint := place.joint(robot.slots)) is not None],
+            [place.limb for place in options.emulated if place.node == GRIPPER],
         )
         limit_s = whole.knots[-1].time_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
         disturbance = _disturbance(stack, runtime, nodes, plant, log, options) if options.faults else None

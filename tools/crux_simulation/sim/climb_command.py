@@ -201,7 +201,7 @@ def run(options: argparse.Namespace) -> int:
     )
     robot = robot_of_plan(plan, options.plan)
     faults = tuple(read_faults(options.faults)) if options.faults is not None else ()
-    emulated = read_places(options.emulate) if options.emulate is not None else ()
+    emulated = read_places(options.emulate, robot.slots) if options.emulate is not None else ()
     if options.world is None and (options.drawn_world is not None or options.world_seed):
         raise UsageError("--world-seed and --drawn-world: there is nothing to draw; give --world WORLD.yaml, too")
     world = None if options.world is None else read_world(options.world).draw(options.world_seed, plan)

@@ -83,7 +83,7 @@ class BoardError(Exception):
 
 
 def world(robot: Robot, node: int) -> World:
-    """What surrounds node 1..7 of a limb, from the robot description."""
+    """What surrounds node 1..8 of a limb, from the robot description."""
     motor = robot.gripper_motor if node == GRIPPER else robot.motor
     electrical = {
         "bit_rate": robot.can.bit_rate,

@@ -9,13 +9,13 @@ from typing import Any, Protocol
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
-from crux_contracts.can_codec import Frame
+from crux_contracts.can_codec import NODES, Frame
 from crux_msgs import robot_state_t
 from crux_tools.errors import UsageError
 from crux_tools.telemetry.summary import FaultNote
 
 from crux_simulation.sim import can_interface
-from crux_simulation.sim.fault_file import MOTORS, NODE_TWICE, NODES, OF_THE_RUNTIME, OF_THE_SUPPLY, ON_SOCKETCAN, Fault
+from crux_simulation.sim.fault_file import MOTORS, NODE_TWICE, OF_THE_RUNTIME, OF_THE_SUPPLY, ON_SOCKETCAN, Fault
 from crux_simulation.sim.process_faults import ProcessFaults
 from crux_simulation.sim.recorder import Truth
 from crux_simulation.sim.rogue_hosts import SENDERS, second_node

@@ -8,9 +8,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
-from crux_contracts import LIMB_NAMES
-from crux_contracts.can_codec import GRIPPER_NODE
+from crux_contracts import LIMB_NAMES, can_codec
 from crux_contracts.robot import Robot
+from crux_contracts.robot_bounds import JOINTS
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.paths import built
 
@@ -20,37 +20,39 @@ from crux_simulation.sim.plant import Plant
 
 LIBRARY = "tools/sim/boards/libcrux_emulated.so"
 IMAGES = "firmware/ports/stm32g474"
-NODES = range(1, GRIPPER_NODE + 1)
-GRIPPER = GRIPPER_NODE
+GRIPPER = can_codec.GRIPPER_NODE
 
 
 @dataclass(frozen=True, order=True)
 class Place:
-    """A node of the robot: limb 0..3, node 1..7, of which the last is the gripper."""
+    """A node of the robot: limb 0..3, node 1..8, of which 7 is the gripper."""
 
     limb: int
     node: int
 
-    @property
-    def joint(self) -> int | None:
-        """Of 24, limb-major; None: a gripper."""
-        return self.limb * (GRIPPER - 1) + self.node - 1 if self.node < GRIPPER else None
+    def joint(self, slots: int) -> int | None:
+        """Of all joints, limb-major, so many slots a limb; None: a gripper."""
+        return None if self.node == GRIPPER else self.limb * slots + can_codec.JOINT_NODES.index(self.node)
 
     def __str__(self) -> str:
         return f"{LIMB_NAMES[self.limb]}.{self.node}"
 
 
-def read_places(text: str) -> tuple[Place, ...]:
-    """Of "LF,RF.7": every node of LF and the gripper of RF; "all": every node. Raises UsageError."""
+def read_places(text: str, slots: int = JOINTS) -> tuple[Place, ...]:
+    """Of "LF,RF.7": every node of LF and the gripper of RF; "all": every node; of a robot with `slots` joints a limb.
+    Raises UsageError.
+    """
+    nodes = sorted({*can_codec.JOINT_NODES[:slots], GRIPPER})
     places: set[Place] = set()
     for part in LIMB_NAMES if text == "all" else text.split(","):
         name, _, number = part.partition(".")
-        if name not in LIMB_NAMES or (number and number not in map(str, NODES)):
+        if name not in LIMB_NAMES or (number and number not in map(str, nodes)):
+            joints = ", ".join(str(node) for node in nodes if node != GRIPPER)
             raise UsageError(
                 f"--emulate: '{part}' is no node: give limbs ({', '.join(LIMB_NAMES)}), nodes such as LF.3 "
-                "(1..6 joints, 7 gripper), or all"
+                f"({joints} joints, {GRIPPER} gripper), or all"
             )
-        places.update(Place(LIMB_NAMES.index(name), node) for node in ([int(number)] if number else NODES))
+        places.update(Place(LIMB_NAMES.index(name), node) for node in ([int(number)] if number else nodes))
     return tuple(sorted(places))
 
 
@@ -96,7 +98,7 @@ class EmulatedBoards:
     def power_on(self, plant: Plant) -> None:
         """Boots them all where the plant stands, so that none is late for the runtime's first Sync."""
         for place, board in self._boards.items():
-            joint = place.joint
+            joint = place.joint(plant.robot.robot.slots)
             board.power_on(
                 float(plant.finger_opening_m[place.limb] if joint is None else plant.joint_position_rad[joint])
             )

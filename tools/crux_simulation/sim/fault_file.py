@@ -18,12 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from crux_contracts import LIMB_NAMES
-from crux_contracts.can_codec import GRIPPER_NODE
+from crux_contracts.can_codec import NODES
 from crux_contracts.records import REQUIRED, Records, key, keys_of
 from crux_contracts.yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
 VERSION = 1
-NODES = GRIPPER_NODE  # the last one
 MAX_FAULTS = 100
 MAX_TIME_S = 3600.0
 SHARE = 0.3  # of `loss` and `cpu_starved`, unless told

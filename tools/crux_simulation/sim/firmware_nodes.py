@@ -1,12 +1,12 @@
-"""The 28 firmware nodes of a robot: the real cores behind real CAN frames, driven by the bench's clock and physics."""
+"""The firmware nodes of a robot: the real cores behind real CAN frames, driven by the bench's clock and physics."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
 from crux_contracts import LIMB_NAMES
+from crux_contracts.can_codec import JOINT_NODES
 from crux_contracts.robot import Robot
-from crux_contracts.robot_bounds import JOINTS
 from crux_tools.errors import WorkFailed
 from crux_tools.paths import built
 
@@ -21,7 +21,7 @@ LIBRARY = "firmware/libcrux_nodes.so"
 
 
 class FirmwareNodes:
-    """24 joint nodes and 4 gripper nodes on four buses; leaving the context closes the buses."""
+    """A node for each joint and each gripper on four buses; leaving the context closes the buses."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class FirmwareNodes:
         except host.NodesError as error:
             raise WorkFailed(f"firmware nodes: {error}") from error
         for number, own in enumerate(robot.limbs):
-            for node in range(len(own.joints) + 1, JOINTS + 1):
+            for node in JOINT_NODES[len(own.joints) :]:
                 self._nodes.disturb(number, node, True)  # there is none
         self._sim = library()
         self.handle = self._nodes.handle

@@ -41,7 +41,7 @@ def climbing(host_state: int) -> int:
 
 
 class Nodes(Protocol):
-    """The firmware's 28 nodes on their buses; see firmware_nodes.FirmwareNodes."""
+    """The firmware's nodes on their buses; see firmware_nodes.FirmwareNodes."""
 
     def wait_sync(self, timeout_s: float) -> int | None:
         """Cycle of the next Sync, None after `timeout_s`."""

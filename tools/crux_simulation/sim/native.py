@@ -8,12 +8,12 @@ from functools import cache
 from typing import Any
 
 from crux_contracts import LIMB_NAMES
-from crux_contracts.robot_bounds import JOINTS as JOINTS_PER_LIMB
+from crux_contracts.robot_bounds import MOST_JOINTS as JOINTS_PER_LIMB
 from crux_tools.paths import built
 
 LIBRARY = "tools/sim/libcrux_sim.so"
 LIMBS = len(LIMB_NAMES)
-JOINTS, PADS = JOINTS_PER_LIMB * LIMBS, 2 * LIMBS
+JOINTS, PADS, WRENCHES = JOINTS_PER_LIMB * LIMBS, 2 * LIMBS, 6 * LIMBS
 
 
 class PlantMap(ctypes.Structure):
@@ -21,9 +21,10 @@ class PlantMap(ctypes.Structure):
 
     _fields_ = [
         ("body", c_int32),
+        ("slots", c_int32),
         *((name, c_int32 * JOINTS) for name in ("joint_qpos", "joint_dof", "joint_actuators")),
         *((name, c_int32 * PADS) for name in ("finger_qpos", "finger_dof", "finger_actuators", "spine_actuators")),
-        ("ft_sensors", c_int32 * JOINTS),
+        ("ft_sensors", c_int32 * WRENCHES),
         ("gripper_sites", c_int32 * LIMBS),
         ("pad_geoms", c_int32 * PADS),
         ("pad_of_geom", c_void_p),
@@ -101,8 +102,8 @@ class PlantState(ctypes.Structure):
     _fields_ = [
         *((name, c_double * JOINTS) for name in ("joint_position_rad", "joint_velocity_rad_s", "joint_torque_nm")),
         *((name, c_double * LIMBS) for name in ("finger_opening_m", "finger_speed_m_s", "finger_force_n")),
-        ("ft", c_double * JOINTS),
-        ("ft_true", c_double * JOINTS),
+        ("ft", c_double * WRENCHES),
+        ("ft_true", c_double * WRENCHES),
         ("pad_force_n", c_double * PADS),
         ("link_contact_force_n", c_double),
         ("pad_face", c_int64 * PADS),

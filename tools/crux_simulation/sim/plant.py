@@ -30,13 +30,14 @@ two poles are at w = 1000 rad/s, sampled each T = 50 us."""
 
 
 def _fill(target: Any, values: Any) -> None:
-    target[:] = np.ravel(values).tolist()
+    numbers = np.ravel(values).tolist()
+    target[: len(numbers)] = numbers
 
 
 class Plant:
     """Physics of one climb, stepped once a control cycle. The same seed and inputs give the same bits.
 
-    Sensors are overwritten in place by every step: joint_position_rad, joint_velocity_rad_s, joint_torque_nm (24,),
+    Sensors are overwritten in place by every step: joint_position_rad, joint_velocity_rad_s, joint_torque_nm (4 S,),
     finger_opening_m, finger_speed_m_s, finger_force_n (4,), ft (24,): per limb the force [N] and moment [Nm] of the
     world on the gripper about its centre, gripper frame, raw: with the hand's weight, bias and noise; ft_true without
     the last two; pad_force_n, pad_face (8,) of the last look at the contacts.
@@ -59,9 +60,10 @@ class Plant:
                 self.model._address, self.data._address, self._map(), settings, world, self._state
             )
         )
-        self.joint_position_rad = self._view("joint_position_rad")
-        self.joint_velocity_rad_s = self._view("joint_velocity_rad_s")
-        self.joint_torque_nm = self._view("joint_torque_nm")
+        joints = slice(4 * robot.robot.slots)
+        self.joint_position_rad = self._view("joint_position_rad")[joints]
+        self.joint_velocity_rad_s = self._view("joint_velocity_rad_s")[joints]
+        self.joint_torque_nm = self._view("joint_torque_nm")[joints]
         self.finger_opening_m = self._view("finger_opening_m")
         self.finger_speed_m_s = self._view("finger_speed_m_s")
         self.finger_force_n = self._view("finger_force_n")
@@ -96,7 +98,7 @@ class Plant:
     def _map(self) -> PlantMap:
         robot = self.robot
         names = ("joint_qpos", "joint_dof", "joint_actuators", "finger_qpos", "finger_dof", "finger_actuators")
-        places = PlantMap(body=robot.body)
+        places = PlantMap(body=robot.body, slots=robot.robot.slots)
         for name in (*names, "ft_sensors", "gripper_sites", "pad_geoms"):
             _fill(getattr(places, name), getattr(robot, name))
         _fill(places.spine_actuators, robot.spine_actuators if len(robot.spine_actuators) else np.full(8, -1))
@@ -128,7 +130,7 @@ class Plant:
         return self.cycle * self.dt_s
 
     def drive(self, joints: Sequence[int], limbs: Sequence[int]) -> None:
-        """From now on the torque of these joints (of 24) is that of a motor, without the lag that stands for one, and
+        """From now on the torque of these joints (of 4 S) is that of a motor, without the lag that stands for one, and
         the finger force of these limbs is that of a motor before its screw's friction."""
         for joint in joints:
             self._native.crux_plant_drive_joint(self.handle, joint)
@@ -140,7 +142,7 @@ class Plant:
         self._native.crux_plant_carry(self.handle)
 
     def step(self, joint_torque_nm: Floats, finger_force_n: Floats) -> None:
-        """One control cycle: motor torques (24,) in joint direction, squeeze a finger (4,), positive closes."""
+        """One control cycle: motor torques (4 S,) in joint direction, squeeze a finger (4,), positive closes."""
         torque = np.ascontiguousarray(joint_torque_nm, dtype=np.float64)
         force = np.ascontiguousarray(finger_force_n, dtype=np.float64)
         self._native.crux_plant_step(self.handle, torque.ctypes.data_as(DOUBLES), force.ctypes.data_as(DOUBLES))

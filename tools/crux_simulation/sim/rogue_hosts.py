@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from crux_contracts import can_codec
 from crux_contracts.can_codec import Frame, Values
 
-JOINT_NODES = range(1, can_codec.GRIPPER_NODE)
+JOINT_NODES = can_codec.JOINT_NODES
 GRIPPER = can_codec.GRIPPER_NODE
 TRACK = 1
 OPEN_M = 0.06

@@ -9,12 +9,19 @@ from typing import Any
 import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.records import REQUIRED, Key, key
-from crux_contracts.robot_bounds import JOINTS
+from crux_contracts.robot_bounds import MOST_JOINTS
 from crux_contracts.scenario import MAX_FRICTION
 from crux_contracts.yaml_document import DocumentError
 
 VERSION = 1
-JOINT_NAMES = tuple(f"{limb}.{joint}" for limb in LIMB_NAMES for joint in range(1, JOINTS + 1))
+
+
+def joint_names(slots: int) -> tuple[str, ...]:
+    """Of joints, limb by limb, so many of each."""
+    return tuple(f"{limb}.{joint}" for limb in LIMB_NAMES for joint in range(1, slots + 1))
+
+
+JOINT_NAMES = joint_names(MOST_JOINTS)
 MAX_TIME_S = 3600.0
 AMBIENT_DEGC = 25.0
 HAND_GONE_S = 2.0  # START: the hand that sets the robot on the wall is gone

@@ -17,7 +17,7 @@ from crux_msgs import limb_knot_t, plan_t
 from crux_tools.robot3d.robot_model import RobotModel, finger_joints, slot_names
 
 from crux_simulation.sim.native import HoldBreakRow, PlantWorld, PushRow, SensorErrorRow
-from crux_simulation.sim.world import ERRORS, JOINT_NAMES, SENSORS, GripperChange, HoldChange, JointChange, World
+from crux_simulation.sim.world import ERRORS, SENSORS, GripperChange, HoldChange, JointChange, World, joint_names
 
 GONE_M = -10.0  # z of a hold that is not there: behind the wall
 LEAST_SIZE_M = 0.005
@@ -82,7 +82,7 @@ def change_robot(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
             name="payload", pos=world.payload.position_m, ipos=[0, 0, 0], mass=world.payload.mass_kg,
             inertia=[1e-6] * 3, explicitinertial=True,
         )  # fmt: skip
-    for name, place in zip(slot_names(robot), JOINT_NAMES, strict=True):
+    for name, place in zip(slot_names(robot), joint_names(robot.slots), strict=True):
         if place in world.joints:
             _change_joint(spec.joint(name), world.joints[place])
     for name, limb in zip(finger_joints(robot), np.repeat(LIMB_NAMES, 2), strict=True):
@@ -166,10 +166,12 @@ def _rows(kind: Any, rows: Sequence[Any]) -> Any:
     return (kind * len(rows))(*rows)
 
 
-def _sensor_rows(world: World) -> list[SensorErrorRow]:
+def _sensor_rows(world: World, slots: int) -> list[SensorErrorRow]:
     rows = []
     for error in world.sensors:
-        places = JOINT_NAMES if error.sensor == "encoder" else LIMB_NAMES
+        places = joint_names(slots) if error.sensor == "encoder" else LIMB_NAMES
+        if error.on not in places:
+            continue
         row = SensorErrorRow(
             list(SENSORS).index(error.sensor), places.index(error.on), ERRORS.index(error.error),
             from_s=error.from_s, until_s=error.from_s + error.for_s,
@@ -181,7 +183,7 @@ def _sensor_rows(world: World) -> list[SensorErrorRow]:
 
 def plant_world(world: World, robot: RobotModel, names: Sequence[str]) -> PlantWorld:
     """The numbers of `world` for the plant; `names` of the plan's holds. It keeps alive what it points at."""
-    joints = [world.joints.get(place, JointChange()) for place in JOINT_NAMES]
+    joints = [world.joints.get(place, JointChange()) for place in joint_names(robot.robot.slots)]
     grippers = [world.grippers.get(limb, GripperChange()) for limb in LIMB_NAMES]
     lags = np.array([joint.lag_s for joint in joints])
     dt_s, sensors = float(robot.model.opt.timestep), robot.robot.force_torque
@@ -194,9 +196,9 @@ def plant_world(world: World, robot: RobotModel, names: Sequence[str]) -> PlantW
         PushRow((ctypes.c_double * 6)(*push.force_N, *push.moment_Nm), push.at_s, push.at_s + push.for_s)
         for push in world.pushes
     ]
-    names_of_joints = [_play(name) for name in slot_names(robot.robot)]
     elastic = [math.isfinite(joint.stiffness_Nm_rad) for joint in joints]
-    plays = [robot.model.joint(name) if yes else None for name, yes in zip(names_of_joints, elastic, strict=True)]
+    slots = zip(slot_names(robot.robot), elastic, strict=True)
+    plays = [robot.model.joint(_play(name)) if gives else None for name, gives in slots]
     numbers = PlantWorld(ambient_degc=world.ambient_degC, gone_m=GONE_M)
     columns: dict[str, Any] = {
         "torque_factor": [joint.torque_factor for joint in joints],
@@ -220,9 +222,9 @@ def plant_world(world: World, robot: RobotModel, names: Sequence[str]) -> PlantW
         "ft_range": np.repeat([sensors.range_N, sensors.range_Nm], 3),
     }
     for name, values in columns.items():
-        getattr(numbers, name)[:] = np.asarray(values).tolist()
+        getattr(numbers, name)[: len(values)] = np.asarray(values).tolist()
     for name, kind, rows in (
-        ("sensor_errors", SensorErrorRow, _sensor_rows(world)),
+        ("sensor_errors", SensorErrorRow, _sensor_rows(world, robot.robot.slots)),
         ("pushes", PushRow, pushes),
         ("breaks", HoldBreakRow, breaks),
     ):

@@ -43,7 +43,7 @@ def planned_load(robot: Robot, commands: str = "each") -> tuple[float, float]:
     """
     per_cycle = (*COMMANDS[commands], *ANSWERS[commands])
     lengths = [(can_codec.message(name).length, robot.can.rate_Hz) for name in per_cycle]
-    joints = range(1, len(robot.limbs[0].joints) + 1)
+    joints = can_codec.JOINT_NODES[: len(robot.limbs[0].joints)]
     for node in joints:
         lengths += [(can_codec.message(name, node).length, robot.can.rate_Hz) for name in JOINT_FRAMES[commands]]
     heartbeats = len(joints) + 2  # of the joints, the gripper and the host

@@ -8,6 +8,7 @@ import subprocess
 from dataclasses import dataclass, field
 from typing import Any
 
+from crux_contracts import can_codec
 from crux_contracts.robot import Robot
 
 from crux_tools.can import CANFD_MTU
@@ -16,7 +17,7 @@ from crux_tools.errors import WorkFailed
 SAMPLE_POINT = 0.8  # of a bit, both rates; the nodes' own (firmware/ports/stm32g474/fdcan.c)
 SAMPLE_TOLERANCE = 0.026
 RESTART_MS = 100  # after bus-off
-FRAMES_A_CYCLE = 9  # heartbeat, seven commands, Sync
+FRAMES_A_CYCLE = can_codec.NODES + 2  # heartbeat, a command for each node, Sync
 QUEUE_CYCLES = 2  # a queue longer than the nodes' watchdog would play old commands after a jam
 QUEUE_FRAMES = QUEUE_CYCLES * FRAMES_A_CYCLE
 VIRTUAL = ("vcan", "vxcan")

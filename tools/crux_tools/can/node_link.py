@@ -32,7 +32,7 @@ class Refused(WorkFailed):
 
 @dataclass(frozen=True)
 class NodeName:
-    """A node of a robot: limb 0..3, number 1..7."""
+    """A node of a robot: limb 0..3, number 1..8."""
 
     limb: int
     number: int
@@ -43,20 +43,24 @@ class NodeName:
         return "gripper" if self.number == can_codec.GRIPPER_NODE else "joint"
 
     def __str__(self) -> str:
-        node = "gripper" if self.number == can_codec.GRIPPER_NODE else f"joint{self.number}"
+        node = (
+            "gripper"
+            if self.number == can_codec.GRIPPER_NODE
+            else f"joint{can_codec.JOINT_NODES.index(self.number) + 1}"
+        )
         return f"{LIMB_NAMES[self.limb]}.{node}"
 
 
 def node_name(text: str) -> NodeName:
     """LF.joint3, RR.gripper, or by number: LF.3. Raises UsageError."""
-    match = re.fullmatch(rf"({'|'.join(LIMB_NAMES)})\.(?:joint)?([1-7]|gripper)", text, re.IGNORECASE)
-    by_name = match is not None and text.lower().endswith("joint7")
-    if match is None or by_name:
+    match = re.fullmatch(rf"({'|'.join(LIMB_NAMES)})\.(?:joint([1-7])|([1-8])|gripper)", text, re.IGNORECASE)
+    if match is None:
         raise UsageError(
-            f"node {text}: right is LIMB.joint1 .. LIMB.joint6 or LIMB.gripper, LIMB {'|'.join(LIMB_NAMES)}"
+            f"node {text}: right is LIMB.joint1 .. LIMB.joint7 or LIMB.gripper, LIMB {'|'.join(LIMB_NAMES)}"
         )
-    node = match[2].lower()
-    return NodeName(LIMB_NAMES.index(match[1].upper()), can_codec.GRIPPER_NODE if node == "gripper" else int(node))
+    joint, number = match[2], match[3]
+    node = can_codec.JOINT_NODES[int(joint) - 1] if joint else int(number or can_codec.GRIPPER_NODE)
+    return NodeName(LIMB_NAMES.index(match[1].upper()), node)
 
 
 def limb_bus(buses: str, robot: Robot, limb: int) -> str:

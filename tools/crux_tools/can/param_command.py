@@ -30,7 +30,7 @@ _EXAMPLES = (
 
 def add_node_options(parser: argparse.ArgumentParser) -> None:
     """NODE, and where its bus is."""
-    parser.add_argument("node", metavar="NODE", help="LF.joint1 .. RR.joint6, LF.gripper …")
+    parser.add_argument("node", metavar="NODE", help="LF.joint1 .. RR.joint7, LF.gripper …")
     parser.add_argument(
         "--bus-base",
         default=DEFAULT_BUSES,

@@ -57,7 +57,7 @@ def packed(message: Message, signals: Signals, counter: np.ndarray) -> np.ndarra
 
 def _joint(log: Telemetry, robot: Robot, limb: int, joint: int) -> Iterator[tuple[Message, Signals, np.ndarray]]:
     """Status and command of a joint over all cycles, and in which the frame was there."""
-    node, at = joint + 1, limb * can_codec.JOINTS + joint
+    node, at = can_codec.JOINT_NODES[joint], limb * robot.slots + joint
     ins, outs = log.inputs, log.outputs
     yield (
         can_codec.message("JointStatus", node),

@@ -1,4 +1,4 @@
-"""The 28 nodes and 4 buses of a log as ROS diagnostics: a status each, with its numbers."""
+"""The nodes and 4 buses of a log as ROS diagnostics: a status each, with its numbers."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ def _fault_words(faults: int, causes: dict[int, str]) -> str:
 def _nodes(inputs: Any, states: dict[int, str], causes: dict[int, str]) -> Iterator[dict[str, Any]]:
     """A status a node, of one row of control_input."""
     for limb, limb_name in enumerate(LIMB_NAMES):
-        for joint in range(can_codec.JOINTS + 1):
-            gripper = joint == can_codec.JOINTS
-            kind, at = ("gripper", limb) if gripper else ("joint", limb * can_codec.JOINTS + joint)
+        slots = len(inputs["joint_state"]) // len(LIMB_NAMES)
+        for joint in range(slots + 1):
+            gripper = joint == slots
+            kind, at = ("gripper", limb) if gripper else ("joint", limb * slots + joint)
             name = f"{limb_name}.{'gripper' if gripper else f'joint{joint + 1}'}"
             state = states.get(int(inputs[f"{kind}_state"][at]), f"#{inputs[f'{kind}_state'][at]}")
             faults = _fault_words(int(inputs[f"{kind}_faults"][at]), causes)

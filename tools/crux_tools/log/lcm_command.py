@@ -97,7 +97,11 @@ def _encoder(schema_name: str, definition: str, type_name: str) -> Callable[[byt
 
 def _as_lcm(type_name: str, message: Any) -> Any:
     import crux_msgs
+    from crux_contracts import N_LIMBS
+    from crux_contracts.robot_bounds import JOINTS
     from crux_msgs.tables import MEMBERS
+
+    from crux_tools.telemetry.slots import OF_MESSAGES, for_messages
 
     made = getattr(crux_msgs, type_name)()
     for name, kind, dimension in MEMBERS[type_name]:
@@ -106,6 +110,8 @@ def _as_lcm(type_name: str, message: Any) -> Any:
         value = getattr(message, name)
         if kind in MEMBERS:
             value = _as_lcm(kind, value) if dimension is None else [_as_lcm(kind, each) for each in value]
+        elif (dimension,) == OF_MESSAGES and len(value) == N_LIMBS * JOINTS:
+            value = for_messages(value)
         setattr(made, name, value if dimension is None else list(value))
     return made
 

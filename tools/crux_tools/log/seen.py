@@ -15,7 +15,6 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import SUPERVISOR_STATES
 from crux_contracts.robot import Robot
-from crux_contracts.robot_bounds import JOINTS
 from crux_contracts.urdf import Joint
 from crux_msgs import acknowledgement_t, command_t
 from scipy.spatial.transform import Rotation
@@ -152,7 +151,7 @@ def _joint_values(log: Telemetry, robot: Robot, rows: np.ndarray) -> tuple[list[
     fingers = np.stack([inputs[name] for name in ("finger_opening_m", "finger_speed_m_s", "finger_force_n")], axis=2)
     names = [name for limb in robot.limbs for name in limb.joint_names]
     names += [name for limb in robot.limbs for name in limb.finger_joints]
-    there = [JOINTS * i + j for i, limb in enumerate(robot.limbs) for j in range(len(limb.joints))]
+    there = [robot.slots * i + j for i, limb in enumerate(robot.limbs) for j in range(len(limb.joints))]
     return names, np.concatenate([joints[:, there], np.repeat(fingers, 2, axis=1)], axis=1)
 
 

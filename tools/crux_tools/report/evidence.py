@@ -15,7 +15,6 @@ from crux_contracts.plan_series import plan_series
 from crux_msgs import bus_health_t
 
 from crux_tools.log.seen import COMMAND_WORDS
-from crux_tools.operator_status import NODES_PER_LIMB, role_of
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.summary import (
     WAIT_NAMES,
@@ -81,8 +80,13 @@ def stories(faults: list[FaultNote]) -> list[list[FaultNote]]:
 
 
 def fresh_nodes(log: Telemetry, rows: slice) -> np.ndarray:
-    """(n, 4, 7) whether a node's status came: joints from the shoulder, then the gripper."""
+    """(n, 4, S + 1) whether a node's status came: joints from the shoulder, then the gripper."""
     return np.asarray(_of_nodes(log.inputs["joint_fresh"][rows], log.inputs["gripper_fresh"][rows]) != 0)
+
+
+def part_of(index: int, parts: int) -> str:
+    """What a node of a limb moves, by its place among all `parts` of fresh_nodes()."""
+    return "gripper" if index == parts - 1 else f"joint {index + 1}"
 
 
 def _of_nodes(joints: np.ndarray, grippers: np.ndarray) -> np.ndarray:
@@ -145,10 +149,10 @@ def silent_nodes(at: Moment) -> Iterator[str]:
         return
     for limb, name in enumerate(LIMB_NAMES):
         since = at.since(at.row + 1 - int(for_rows[limb].max()))
-        gone = [role_of(int(node) + 1) for node in np.flatnonzero(silent[limb])]
-        if len(gone) == NODES_PER_LIMB:
+        gone = [part_of(int(part), len(silent[limb])) for part in np.flatnonzero(silent[limb])]
+        if len(gone) == len(silent[limb]):
             yield (
-                f"All {NODES_PER_LIMB} nodes of {name} are silent since {since}, those of other limbs are heard: "
+                f"All {len(gone)} nodes of {name} are silent since {since}, those of other limbs are heard: "
                 "the bus of that limb is cut, or its nodes have no power."
             )
         elif gone:
@@ -170,7 +174,8 @@ def node_states(at: Moment) -> Iterator[str]:
     for limb, node in zip(*np.nonzero((state[-1] != usual) | (faults != 0)), strict=True):
         same = _standing(state[:, limb, node] == state[-1, limb, node])
         bits = can_codec.fault_causes(int(faults[limb, node]))
-        words = f"{LIMB_NAMES[limb]} {role_of(node + 1)} is in {states.get(int(state[-1, limb, node]), '?')} since "
+        place = f"{LIMB_NAMES[limb]} {part_of(int(node), len(faults[limb]))}"
+        words = f"{place} is in {states.get(int(state[-1, limb, node]), '?')} since "
         yield words + at.since(at.row + 1 - int(same)) + (f" and reports {', '.join(bits)}." if bits else ".")
 
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from crux_contracts import LIMB_NAMES
+from crux_contracts import LIMB_NAMES, can_codec
 from matplotlib.axes import Axes
 
-from crux_tools.operator_status import NODES_PER_LIMB, role_of
 from crux_tools.report import figures
-from crux_tools.report.evidence import Moment, fresh_nodes
+from crux_tools.report.evidence import Moment, fresh_nodes, part_of
 from crux_tools.telemetry.summary import is_realtime, wrench_error
 
 AFTER_S = 0.3
@@ -54,12 +53,12 @@ def _joints(axis: Axes, time_s: np.ndarray, at: Moment, rows: slice, limb: int |
     shape = (len(time_s), len(LIMB_NAMES), -1)
     measured = at.log.inputs["joint_position_rad"][rows].reshape(shape)
     command = at.log.outputs["joint_position_rad"][rows].reshape(shape)
-    if limb is not None and 0 < at.fault.node < NODES_PER_LIMB:
-        joint = at.fault.node - 1
+    if limb is not None and at.fault.node in can_codec.JOINT_NODES:
+        joint = can_codec.JOINT_NODES.index(at.fault.node)
         begin = command[0, limb, joint]
         axis.plot(time_s, 1e3 * (measured[:, limb, joint] - begin), color=LIMB_COLOURS[limb], label="measured")
         axis.plot(time_s, 1e3 * (command[:, limb, joint] - begin), "--", color="#333333", label="commanded")
-        axis.set_ylabel(f"{at.fault.limb} joint {at.fault.node}\nfrom its begin [mrad]")
+        axis.set_ylabel(f"{at.fault.limb} joint {joint + 1}\nfrom its begin [mrad]")
     else:
         off = 1e3 * (measured - command)
         for i, name in enumerate(LIMB_NAMES) if limb is None else ():
@@ -74,7 +73,11 @@ def _joints(axis: Axes, time_s: np.ndarray, at: Moment, rows: slice, limb: int |
 def _nodes(axis: Axes, time_s: np.ndarray, fresh: np.ndarray, limb: int | None) -> None:
     """A lane a node of the fault's limb, else a lane a limb: red where a status did not come."""
     heard = np.asarray(fresh.all(axis=2) if limb is None else fresh[:, limb])
-    names = LIMB_NAMES if limb is None else [f"{LIMB_NAMES[limb]} {role_of(n + 1)}" for n in range(NODES_PER_LIMB)]
+    names = (
+        LIMB_NAMES
+        if limb is None
+        else [f"{LIMB_NAMES[limb]} {part_of(n, fresh.shape[2])}" for n in range(fresh.shape[2])]
+    )
     step = float(time_s[1] - time_s[0]) if len(time_s) > 1 else 1.0
     for lane in range(len(names)):
         axis.broken_barh([(time_s[0], time_s[-1] - time_s[0])], (lane - 0.4, 0.8), facecolors=_HEARD)

@@ -74,7 +74,7 @@ def heat_share(torque_Nm: np.ndarray, continuous_Nm: np.ndarray, heating_time_s:
 
 
 def joint_torques_Nm(log: Telemetry) -> np.ndarray:
-    """(n, 4, 6) as the joints report them."""
+    """(n, 4, S) as the joints report them."""
     return np.asarray(log.inputs["joint_torque_nm"].reshape(len(log.time_s), len(LIMB_NAMES), -1))
 
 
@@ -95,7 +95,8 @@ def joint_loads(log: Telemetry, robot: Robot) -> JointLoads:
     torque = joint_torques_Nm(log)
     climbing = log.state["supervisor_state"] == CLIMBING
     loaded = torque[climbing] if climbing.any() else torque
-    effort = np.array([of_slots([joint.effort for joint in limb.joints]) for limb in robot.limbs])
+    efforts = [of_slots([joint.effort for joint in limb.joints])[: robot.slots] for limb in robot.limbs]
+    effort = np.array(efforts)
     continuous = np.minimum(joint_continuous_torque_Nm(robot.motor), effort)
     heat = heat_share(torque, continuous, robot.motor.heating_time_s, float(log.inputs["dt_s"][0]))
     return JointLoads(
@@ -103,6 +104,6 @@ def joint_loads(log: Telemetry, robot: Robot) -> JointLoads:
         rms=np.sqrt(np.mean(loaded**2, axis=0)),
         peak_limit=effort,
         continuous_limit=continuous,
-        advised=np.broadcast_to(of_slots(robot.servo.continuous_torque_Nm), effort.shape),
+        advised=np.broadcast_to(of_slots(robot.servo.continuous_torque_Nm)[: robot.slots], effort.shape),
         heat=heat.max(axis=0),
     )

@@ -19,7 +19,6 @@ import mujoco
 import numpy as np
 from crux_contracts.interpolation import is_walk
 from crux_contracts.robot import Limb, Robot
-from crux_contracts.robot_bounds import JOINTS
 from crux_contracts.urdf import link_shapes
 from numpy.typing import NDArray
 
@@ -41,17 +40,19 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class RobotModel:
-    """A compiled model with the addresses the plant needs; limbs in the order LF, RF, LR, RR, joints limb-major."""
+    """A compiled model with the addresses the plant needs; limbs in the order LF, RF, LR, RR, joints limb-major:
+    S slots for each limb (Robot.slots).
+    """
 
     model: mujoco.MjModel
     robot: Robot
     faces: list[Face]
     body: int
-    joint_qpos: Ints  # (24,)
-    joint_dof: Ints  # (24,)
+    joint_qpos: Ints  # (4 S,)
+    joint_dof: Ints  # (4 S,)
     finger_qpos: Ints  # (4, 2)
     finger_dof: Ints  # (4, 2)
-    joint_actuators: Ints  # (24,)
+    joint_actuators: Ints  # (4 S,)
     finger_actuators: Ints  # (4, 2)
     spine_actuators: Ints  # (8,) pad order; empty without spines
     gripper_sites: Ints  # (4,)
@@ -128,11 +129,11 @@ def _add_grippers(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def slot_names(robot: Robot) -> list[str]:
-    """(24,) of the joints, limb-major; a slot without a joint is a hinge of its own that nothing hangs on."""
+    """(4 S,) of the joints, limb-major; a slot without a joint is a hinge of its own that nothing hangs on."""
     return [
         name
         for limb in robot.limbs
-        for name in (*limb.joint_names, *(f"{limb.name}/slot{n}" for n in range(len(limb.joints) + 1, JOINTS + 1)))
+        for name in (*limb.joint_names, *(f"{limb.name}/slot{n}" for n in range(len(limb.joints) + 1, robot.slots + 1)))
     ]
 
 
@@ -197,9 +198,6 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
 
     `scenery` may add what only pictures need (sky, lights, cameras) before the model is compiled.
     """
-    if (most := max(len(limb.joints) for limb in robot.limbs)) > JOINTS:
-        what = f"limbs of {most} joints are planned for and checked, not driven: expected at most {JOINTS}"
-        raise UsageError(f"{robot.folder}: {what}")
     spec = urdf_spec(robot)
     spec.modelname = robot.name
     set_solver_options(spec, robot.dt_s)

@@ -8,10 +8,11 @@ from typing import Any
 import mujoco
 import numpy as np
 from crux_contracts.gripper_frames import gripper_rotation
+from crux_contracts.robot_bounds import JOINTS
 from numpy.typing import NDArray
 
 from crux_tools.errors import UsageError
-from crux_tools.robot3d.robot_model import RobotModel
+from crux_tools.robot3d.robot_model import Ints, RobotModel
 from crux_tools.telemetry.rotations import rotation_from_rpy
 
 DAMPING = 1e-4  # of the least-squares step
@@ -36,6 +37,28 @@ def _gripper_error(robot: RobotModel, data: mujoco.MjData, limb: int, position_w
     return np.concatenate([position_w_m - data.site_xpos[site], rotation])
 
 
+def _jacobian(robot: RobotModel, data: mujoco.MjData, limb: int, dof: Ints) -> Floats:
+    """(6, S) of the gripper, with `data` as it stands."""
+    jacobian = np.zeros((6, robot.model.nv))
+    mujoco.mj_jacSite(robot.model, data, jacobian[:3], jacobian[3:], robot.gripper_sites[limb])
+    return np.asarray(jacobian[:, dof])
+
+
+def _spare_ways(robot: RobotModel, data: mujoco.MjData, limb: int, qpos: Ints, dof: Ints, middle_rad: Floats) -> Floats:
+    """(S - 6, S) what leaves the gripper at rest with the joints in the middle of their ranges: of the angles of seven
+    joints those count that are none of it off the middle.
+    """
+    if len(dof) == JOINTS:
+        return np.zeros((0, JOINTS))
+    kept = data.qpos[qpos].copy()
+    data.qpos[qpos] = middle_rad
+    mujoco.mj_kinematics(robot.model, data)
+    mujoco.mj_comPos(robot.model, data)
+    _, _, ways = np.linalg.svd(_jacobian(robot, data, limb, dof))
+    data.qpos[qpos] = kept
+    return np.asarray(ways[JOINTS:])
+
+
 def solve_limb(
     robot: RobotModel,
     data: mujoco.MjData,
@@ -45,28 +68,31 @@ def solve_limb(
     near: bool = False,
     starts: int = STARTS,
 ) -> bool:
-    """Moves the six joints of `limb` until its gripper stands at the place (3,), turned by `rotation_w` (3, 3), W <-
+    """Moves the joints of `limb` until its gripper stands at the place (3,), turned by `rotation_w` (3, 3), W <-
     gripper; False when it cannot within the limits.
     `near`: begins with the joints as they are, so that a motion is followed; then from so many postures (`starts`).
     """
     model = robot.model
-    qpos, dof = robot.joint_qpos[6 * limb : 6 * limb + 6], robot.joint_dof[6 * limb : 6 * limb + 6]
+    slots = robot.robot.slots
+    own = slice(slots * limb, slots * (limb + 1))
+    qpos, dof = robot.joint_qpos[own], robot.joint_dof[own]
     low, high = model.jnt_range[model.dof_jntid[dof]].T
-    jacobian = np.zeros((6, model.nv))
+    middle = (low + high) / 2
+    spare = _spare_ways(robot, data, limb, qpos, dof, middle)
     generator = np.random.default_rng(0)
     for attempt in range(-1 if near else 0, starts):
         if attempt >= 0:
-            share = 0.5 if attempt == 0 else generator.uniform(0.2, 0.8, 6)
+            share = 0.5 if attempt == 0 else generator.uniform(0.2, 0.8, slots)
             data.qpos[qpos] = low + share * (high - low)
         for _ in range(ITERATIONS):
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
-            error = _gripper_error(robot, data, limb, position_w_m, rotation_w)
+            off = spare @ (middle - data.qpos[qpos])
+            error = np.concatenate([_gripper_error(robot, data, limb, position_w_m, rotation_w), off])
             if np.abs(error).max() < TOLERANCE_M:
                 return True
-            mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], robot.gripper_sites[limb])
-            j = jacobian[:, dof]
-            step = j.T @ np.linalg.solve(j @ j.T + DAMPING * np.eye(6), error)
+            j = np.concatenate([_jacobian(robot, data, limb, dof), spare])
+            step = j.T @ np.linalg.solve(j @ j.T + DAMPING * np.eye(len(j)), error)
             data.qpos[qpos] = np.clip(data.qpos[qpos] + np.clip(step, -0.3, 0.3), low, high)
     return False
 

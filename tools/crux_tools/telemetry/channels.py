@@ -25,6 +25,7 @@ from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata, 
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
 from crux_tools.telemetry.definitions import decoder_of
 from crux_tools.telemetry.records import MAGIC, READ_ERRORS, chunk_records, records
+from crux_tools.telemetry.slots import for_robot, slots_of
 from crux_tools.telemetry.unpack import Unpacker
 
 METADATA = ("crux_tags", "crux", "crux_world", "crux_replans")
@@ -181,6 +182,7 @@ def decode(raw: Raw, path: Path) -> Channels:
     tables: dict[str, np.ndarray] = {}
     messages: dict[str, list[Any]] = {}
     times_ns: dict[str, np.ndarray] = {}
+    slots = slots_of(raw.attachments)
     for channel_id, channel in raw.channels.items():
         if channel.topic == CAN_FRAMES:
             continue
@@ -193,7 +195,7 @@ def decode(raw: Raw, path: Path) -> Channels:
         with fits_definition(path, channel.topic):
             dtype = fixed_dtype(schema.data.decode())
             if dtype is not None:
-                tables[channel.topic] = decode_table(payloads, dtype)
+                tables[channel.topic] = for_robot(decode_table(payloads, dtype), slots)
             else:
                 decoder = decoder_of(schema)
                 assert decoder is not None

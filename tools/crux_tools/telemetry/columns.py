@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from crux_contracts import LIMB_NAMES, can_codec
+from crux_contracts import LIMB_NAMES, robot_bounds
 
 XYZ = ("x", "y", "z")
-JOINTS = [f"{limb}_joint{joint + 1}" for limb in LIMB_NAMES for joint in range(can_codec.JOINTS)]
+JOINTS = {
+    len(LIMB_NAMES) * slots: [f"{limb}_joint{joint + 1}" for limb in LIMB_NAMES for joint in range(slots)]
+    for slots in (robot_bounds.JOINTS, robot_bounds.MOST_JOINTS)
+}
 FINGERS = [f"{limb}_finger{finger}" for limb in LIMB_NAMES for finger in (1, 2)]
 WXYZ = ("w", *XYZ)
-LABELS = {3: XYZ, 4: LIMB_NAMES, 24: JOINTS, 8: FINGERS, 12: [f"{limb}_{axis}" for limb in LIMB_NAMES for axis in XYZ]}
+LABELS = {3: XYZ, 4: LIMB_NAMES, **JOINTS, 8: FINGERS, 12: [f"{limb}_{axis}" for limb in LIMB_NAMES for axis in XYZ]}
 
 
 def _labels(field: str, count: int) -> list[str]:

@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from crux_contracts import LIMB_NAMES, channels
 from crux_contracts.lcm_bytes import decoded
+from crux_contracts.robot_bounds import JOINTS
 from crux_msgs import (
     acknowledgement_t,
     command_t,
@@ -154,7 +155,9 @@ class Live:
     def _clear(self) -> None:
         """Before the first message, and when another runtime begins."""
         shape = (FIRST_ROWS, len(LIMB_NAMES))
-        self._states, self._inputs = (Table(blank(topic, FIRST_ROWS)) for topic in ("/robot_state", "/control_input"))
+        slots = self._robot.robot.slots if self._robot is not None else JOINTS
+        self._states = Table(blank("/robot_state", FIRST_ROWS))
+        self._inputs = Table(blank("/control_input", FIRST_ROWS, slots))
         self._references, self._limbs = (Table(blank(topic, shape)) for topic in ("/limb_reference", "/limb_telemetry"))
         self._newest = {topic: blank(topic, len(LIMB_NAMES)) for topic in ("/limb_reference", "/limb_telemetry")}
         self._faults = Table(blank("/fault", FIRST_ROWS))
@@ -178,6 +181,7 @@ class Live:
         if self._robot is None:
             self._robot = build_model(robot_named(plan.robot_name), plan)
             self._data = mujoco.MjData(self._robot.model)
+            self._inputs = Table(blank("/control_input", FIRST_ROWS, self._robot.robot.slots))
 
     def _tell(self, topic: str, message: Any) -> None:
         """Keeps what has no cycle of its own, at the time of the newest state."""
@@ -221,7 +225,7 @@ class Live:
         for limb, turned in enumerate(rotations_from_quaternions(limbs["gripper_quaternion_w"])):
             # Where nothing reaches, the search ends soon: anybody may have said that a gripper is there.
             solve_limb(robot, data, limb, limbs["gripper_position_w_m"][limb], turned, near=True, starts=1)
-        row = blank("/control_input", 1)
+        row = blank("/control_input", 1, robot.robot.slots)
         row["cycle"], row["dt_s"] = state["cycle"], robot.robot.dt_s
         row["joint_position_rad"] = data.qpos[robot.joint_qpos]
         row["finger_opening_m"] = self._newest["/limb_reference"]["finger_opening_m"]

@@ -12,6 +12,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import BY_TOPIC, SCHEMAS
 from crux_contracts.interpolation import PlanReference
 from crux_contracts.plan_series import PlanSeries, plan_series
+from crux_contracts.robot_bounds import JOINTS
 
 from crux_tools.log.seen import INFO, NS, Event, events_of, grip_of_limbs
 from crux_tools.plan_robot import robot_of_plan
@@ -22,6 +23,7 @@ from crux_tools.telemetry import Channels, Telemetry, is_log, read_channels, tel
 from crux_tools.telemetry.cdr_table import fixed_dtype
 from crux_tools.telemetry.description import robot_of
 from crux_tools.telemetry.margins import Grip, planned_grip
+from crux_tools.telemetry.slots import of_robot
 from crux_tools.telemetry.summary import CLIMBING, STANCE, SWING, summarise
 
 PLAN_STEP_S = 0.1
@@ -43,11 +45,11 @@ class Recording:
         return max(int(np.searchsorted(self.log.time_s, time_s + 1e-9, side="right")) - 1, 0)
 
 
-def blank(topic: str, shape: int | tuple[int, ...]) -> np.ndarray:
-    """Records of a logged message of fixed size, all zero."""
+def blank(topic: str, shape: int | tuple[int, ...], slots: int = JOINTS) -> np.ndarray:
+    """Records of a logged message of fixed size, all zero, of a robot with `slots` joints a limb."""
     dtype = fixed_dtype(SCHEMAS[BY_TOPIC[topic].type].definition)
     assert dtype is not None
-    return np.zeros(shape, dtype)
+    return np.zeros(shape, of_robot(dtype, slots))
 
 
 def made_telemetry(
@@ -98,7 +100,7 @@ def recording_of_plan(path: Path, plan: Any) -> Recording:
     end_s = reference.end_s
     time_s = np.linspace(0, end_s, min(round(end_s / PLAN_STEP_S), PLAN_ROWS) + 1)
     n = len(time_s)
-    state, inputs = blank("/robot_state", n), blank("/control_input", n)
+    state, inputs = blank("/robot_state", n), blank("/control_input", n, robot.robot.slots)
     references, limbs = (blank(topic, (n, len(LIMB_NAMES))) for topic in ("/limb_reference", "/limb_telemetry"))
     body_position, body_rpy = reference.body(time_s)
     lift = robot.robot.gripper.pad_radius_m if robot.point_feet else 0.0

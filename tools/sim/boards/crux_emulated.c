@@ -11,8 +11,8 @@ static _Thread_local char last_error[256];
 const char *crux_emulated_error(void) { return last_error; }
 
 emulated_node *crux_emulated_open(const char *image, int limb, int node, const emulated_world *world) {
-  if ((limb < 0) || (limb > 3) || (node < 1) || (node > EMULATED_GRIPPER)) {
-    (void)snprintf(last_error, sizeof(last_error), "no node %d on limb %d: nodes are 1..7, limbs 0..3", node, limb);
+  if ((limb < 0) || (limb > 3) || (node < 1) || (node > EMULATED_LAST)) {
+    (void)snprintf(last_error, sizeof(last_error), "no node %d on limb %d: nodes are 1..8, limbs 0..3", node, limb);
     return NULL;
   }
   return emulated_node_new(image, limb, node, world, last_error, sizeof(last_error));

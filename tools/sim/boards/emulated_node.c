@@ -268,7 +268,8 @@ void emulated_node_look_into(emulated_node *node, const char *image) {
 
 /// No board is mounted like another: zeros that look random and are the same in every run.
 static emulated_mounting mount(int limb, int number) {
-  const uint32_t seed = (uint32_t)((limb * EMULATED_GRIPPER) + number);
+  const uint32_t seed = (number <= EMULATED_GRIPPER) ? (uint32_t)((limb * EMULATED_GRIPPER) + number)
+                                                     : (uint32_t)(((limb + 1) * number) + (4 * EMULATED_GRIPPER));
   return (emulated_mounting){.electrical_offset_counts = (seed * 7919U) % TURN,
                              .rotor_zero_counts = (seed * 6101U) % TURN,
                              .coarse_zero_counts = (seed * 3571U) % TURN,
@@ -303,14 +304,15 @@ emulated_node *emulated_node_new(const char *image, int limb, int number, const 
     (void)snprintf(error, error_bytes, "out of memory");
     return NULL;
   }
-  const stm32g4_board board = {.context = node,
-                               .crystal_hz = CRYSTAL_HZ,
-                               .straps = ((uint32_t)limb << 3U) | (uint32_t)number,
-                               .analogue = analogue,
-                               .pwm_start = pwm_start,
-                               .pwm_period = pwm_period,
-                               .pins = pins,
-                               .transfer = transfer};
+  const stm32g4_board board = {
+      .context = node,
+      .crystal_hz = CRYSTAL_HZ,
+      .straps = ((uint32_t)limb << 3U) | ((uint32_t)number & 7U) | (((uint32_t)number & 8U) << 2U),
+      .analogue = analogue,
+      .pwm_start = pwm_start,
+      .pwm_period = pwm_period,
+      .pins = pins,
+      .transfer = transfer};
   node->port = (crux_outside_node){.context = node,
                                    .hear = hear,
                                    .control = control,

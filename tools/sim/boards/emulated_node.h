@@ -1,4 +1,4 @@
-/// A node board: chip, image, straps, bridge, motor, sensors. Joint (node 1..6) or gripper (7).
+/// A node board: chip, image, straps, bridge, motor, sensors. Joint (node 1..6 or 8) or gripper (7).
 ///
 /// Time. Each control period of the bench is a window of as many core cycles. In it the frames heard since the last
 /// window arrive one after another, each taking its time on the bus. The shaft goes from where the bench last saw it to
@@ -14,6 +14,7 @@
 #include "stm32g4.h"
 
 #define EMULATED_GRIPPER 7
+#define EMULATED_LAST 8
 #define EMULATED_INBOX 128U
 
 /// Numbers of the robot that surround the chip. The shaft's position is the joint's angle [rad] or the fingers'
