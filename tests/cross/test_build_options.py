@@ -50,6 +50,7 @@ def test_without_options_only_the_programs_are_built(tmp_path: Path) -> None:
         "crux-recompute",
         "libcrux_bound.so",
         "libcrux_chain.so",
+        "libcrux_checker.so",
         "libcrux_path.so",
         "libcrux_reach.so",
         "libcrux_sim.so",

@@ -21,6 +21,7 @@ PROGRAMS = (
     "firmware/libcrux_nodes.so",
     "planner/libcrux_bound.so",
     "planner/libcrux_chain.so",
+    "planner/libcrux_checker.so",
     "planner/libcrux_path.so",
     "planner/libcrux_reach.so",
     "planner/libcrux_tape.so",

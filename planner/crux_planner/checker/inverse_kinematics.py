@@ -5,8 +5,8 @@ start, and from between these all others; those that fail, or end outside the jo
 nearest sample in time that did not. Limbs that differ only in where their first joint sits and how their gripper is
 mounted have the same arm, and take the first two steps together.
 
-Every joint of an arm has a frame whose z is its axis, so that each is a turn about z after one constant turn. Vectors
-are (3, n), rotations (3, 3, n) with columns first: component by component over n poses.
+Every joint of an arm has a frame whose z is its axis, so that each is a turn about z after one constant turn.
+libcrux_checker.so walks along the arms.
 """
 
 from __future__ import annotations
@@ -16,18 +16,15 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
+from crux_contracts.compiled import doubles
 
-from crux_planner.checker.geometry import Array, Flags, Indices, about_z, cross, rotation_vector, solved
+from crux_planner.checker import native
+from crux_planner.checker.geometry import Array, Flags, Indices
 from crux_planner.checker.limb_model import Limb, axis_frame
 
 SEED_POSTURES = 1024
 SEEDS = 16  # of these, the nearest to a first pose
 STRIDE = 8  # samples of which one is solved from the first pose, the others from what lies between two such
-ITERATIONS = 30
-MAX_STEP_RAD = 0.4
-CONVERGED_M = 1e-7
-ROTATION_LENGTH_M = 1.0
-"""Weighs an orientation error [rad] against a position error [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,32 +44,42 @@ class Arm:
         parts = (self.turns, self.offsets, self.lower_rad, self.upper_rad)
         return b"".join((part + 0.0).tobytes() for part in parts)  # no -0.0
 
-    def forward(self, q_rad: Array) -> tuple[Array, Array, Array, Array]:
-        """Position and rotation of the end for joint angles (J, n), origins and axes (3, J, n) of the joints."""
-        joints, n = q_rad.shape
-        sine, cosine = np.sin(q_rad), np.cos(q_rad)
-        position, columns = np.zeros((3, n)), np.zeros((3, 3, n))
-        origins, axes = np.empty((2, 3, joints, n))
-        columns[0, 0] = columns[1, 1] = columns[2, 2] = 1.0
-        for i in range(joints):
-            if i > 0 and (self.turns[i - 1] != _IDENTITY).any():
-                columns = (self.turns[i - 1].T @ columns.reshape(3, -1)).reshape(3, 3, n)
-            origins[:, i], axes[:, i] = position, columns[2]
-            columns = about_z(columns, sine[i], cosine[i])
-            for along, column in zip(self.offsets[i], columns, strict=True):
-                if along != 0.0:
-                    position = position + along * column
-        return position, columns, origins, axes
+    def forward(self, q_rad: Array) -> tuple[Array, Array, Array]:
+        """Of the end at joint angles (n, J): positions (n, 3), rotations (n, 3, 3), and geometric Jacobians (n, 6, J)
+        with rows v, omega.
+        """
+        angles, n = np.ascontiguousarray(q_rad), len(q_rad)
+        placed = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 6, len(self.lower_rad)))
+        native.library().crux_arm_place(self._bare, n, *map(doubles, (angles, *placed)))
+        return placed
 
+    def reached(self, q_rad: Array, poses: _Poses) -> tuple[Array, Array]:
+        """By damped Gauss-Newton from angles (n, J): angles, and the norms (n, 2) of the errors left of position and
+        orientation; with seven joints, what `_compiled` says is spare counts with the latter.
+        """
+        angles, left = np.array(q_rad, order="C"), np.empty((len(q_rad), 2))
+        given = [np.ascontiguousarray(part) for part in (poses.position, poses.rotation)]
+        native.library().crux_arm_reach(self._compiled, len(angles), *map(doubles, (*given, angles, left)))
+        return angles, left
 
-_IDENTITY = np.eye(3)
+    def _with(self, spare: Array) -> native.Arm:
+        middle = 0.5 * (self.lower_rad + self.upper_rad)
+        kept = [np.ascontiguousarray(part, dtype=float) for part in (self.turns, self.offsets, middle, spare)]
+        made = native.Arm(len(middle), len(spare), *map(doubles, kept))
+        made.kept = kept
+        return made
 
+    @cached_property
+    def _bare(self) -> native.Arm:
+        return self._with(np.zeros((0, len(self.lower_rad))))
 
-def jacobian(position: Array, origins: Array, axes: Array) -> Array:
-    """Geometric Jacobian (6, J, n) of a point (3, n) that moves with all joints: rows v, omega."""
-    found = np.empty((6, *axes.shape[1:]))
-    found[:3], found[3:] = cross(axes, position[:, None] - origins), axes
-    return found
+    @cached_property
+    def _compiled(self) -> native.Arm:
+        """With what leaves the end at rest in the middle of the joints' ranges. Of the angles of seven joints those
+        count that are none of it off the middle.
+        """
+        _, _, jacobian = self.forward(0.5 * (self.lower_rad + self.upper_rad)[None])
+        return self._with(np.linalg.svd(jacobian[0])[2][6:])
 
 
 @dataclass(frozen=True)
@@ -84,10 +91,8 @@ class Mounting:
     gripper: Array
 
     def seen(self, position_b: Array, rotation_b: Array) -> tuple[Array, Array]:
-        """Gripper poses (n, 3), (n, 3, 3) in the body as the arm has to place its end, (3, n) and (3, 3, n)."""
-        position = self.rotation_b.T @ (position_b - self.origin_b_m).T
-        columns = np.tensordot(self.gripper, rotation_b.T, axes=1)  # of rotation_b gripper^T
-        return position, np.tensordot(columns, self.rotation_b, axes=(1, 0)).transpose(0, 2, 1)
+        """Gripper poses (n, 3), (n, 3, 3) in the body as the arm has to place its end."""
+        return (position_b - self.origin_b_m) @ self.rotation_b, self.rotation_b.T @ rotation_b @ self.gripper.T
 
 
 @lru_cache(maxsize=16)
@@ -119,21 +124,21 @@ class Solution:
 
 @dataclass(frozen=True)
 class _Poses:
-    """Where an arm is to have its end: positions (3, n) and rotations (3, 3, n), columns first."""
+    """Where an arm is to have its end: positions (n, 3) and rotations (n, 3, 3)."""
 
     position: Array
-    columns: Array
+    rotation: Array
 
     def __len__(self) -> int:
-        return int(self.position.shape[1])
+        return len(self.position)
 
-    def __getitem__(self, some: Indices | slice | list[int]) -> _Poses:
-        return _Poses(self.position[:, some], self.columns[..., some])
+    def __getitem__(self, some: Indices | slice) -> _Poses:
+        return _Poses(self.position[some], self.rotation[some])
 
 
 def _together(poses: Iterable[_Poses]) -> _Poses:
-    position, columns = zip(*((each.position, each.columns) for each in poses), strict=True)
-    return _Poses(np.concatenate(position, axis=-1), np.concatenate(columns, axis=-1))
+    position, rotation = zip(*((each.position, each.rotation) for each in poses), strict=True)
+    return _Poses(np.concatenate(position), np.concatenate(rotation))
 
 
 def solve(limbs: Sequence[Limb], position_b_m: Sequence[Array], rotation_b: Sequence[Array]) -> list[Solution]:
@@ -153,69 +158,55 @@ def _solve_alike(arm: Arm, limbs: list[_Poses]) -> list[Solution]:
     """The same for limbs that have one arm."""
     n = len(limbs[0])
     some = np.unique(np.append(np.arange(0, n, STRIDE), n - 1))
-    first = np.repeat(_firsts(arm, _together(poses[:1] for poses in limbs)), len(some), axis=1)
-    between, _ = _descend(arm, first, _together(poses[some] for poses in limbs))
+    first = np.repeat(_firsts(arm, _together(poses[:1] for poses in limbs)), len(some), axis=0)
+    between, _ = arm.reached(first, _together(poses[some] for poses in limbs))
     found = []
-    for poses, at in zip(limbs, np.split(between, len(limbs), axis=1), strict=True):
-        start = np.array([np.interp(np.arange(n), some, angles) for angles in at])
+    for poses, at in zip(limbs, np.split(between, len(limbs)), strict=True):
+        start = np.array([np.interp(np.arange(n), some, angles) for angles in at.T]).T
         found.append(_follow(arm, start, poses))
     return found
 
 
 def _follow(arm: Arm, start: Array, poses: _Poses) -> Solution:
-    """All samples of one limb from angles (J, n) near its solution."""
-    q, error = _descend(arm, start, poses)
+    """All samples of one limb from angles (n, J) near its solution."""
+    q, error = arm.reached(start, poses)
     for _ in range(3):
         good = _good(arm, q, error)
         if good.all() or not good.any():
             break
         bad, fine = np.flatnonzero(~good), np.flatnonzero(good)
         nearest = fine[np.abs(fine[None, :] - bad[:, None]).argmin(axis=1)]
-        again, left = _descend(arm, q[:, nearest], poses[bad])
-        better = _good(arm, again, left) | (left.sum(axis=0) < 0.5 * error[:, bad].sum(axis=0))
-        q[:, bad[better]], error[:, bad[better]] = again[:, better], left[:, better]
+        again, left = arm.reached(q[nearest], poses[bad])
+        better = _good(arm, again, left) | (left.sum(axis=1) < 0.5 * error[bad].sum(axis=1))
+        q[bad[better]], error[bad[better]] = again[better], left[better]
         if not better.any():
             break
-    return Solution(q.T, error[0], error[1] / ROTATION_LENGTH_M)
+    return Solution(q, *error.T)
 
 
 def _good(arm: Arm, q: Array, error: Array) -> Flags:
-    angles = q.T
-    inside = ((angles >= arm.lower_rad - 1e-9) & (angles <= arm.upper_rad + 1e-9)).all(axis=1)
-    return np.asarray(inside & (error.max(axis=0) < 1e-5))
+    inside = ((q >= arm.lower_rad - 1e-9) & (q <= arm.upper_rad + 1e-9)).all(axis=1)
+    return np.asarray(inside & (error.max(axis=1) < 1e-5))
 
 
 def _firsts(arm: Arm, poses: _Poses) -> Array:
-    """Of every pose the best of the descents from the postures nearest to it, (J, n): inside the limits if any is."""
+    """Of every pose the best of the descents from the postures nearest to it, (n, J): inside the limits if any is."""
     postures, at = _postures(arm)
-    seeds = []
-    for i in range(len(poses)):
-        away = _pose_error(at, poses[[i]])
-        seeds.append(postures[:, np.argsort(np.sqrt((away * away).sum(axis=0)))[:SEEDS]])
-    q, error = _descend(arm, np.concatenate(seeds, axis=1), poses[np.repeat(np.arange(len(poses)), SEEDS)])
-    lower, upper = arm.lower_rad[:, None], arm.upper_rad[:, None]
-    outside = np.maximum(np.maximum(lower - q, q - upper), 0.0).sum(axis=0)
-    best = np.argmin((error.sum(axis=0) * 1e3 + outside).reshape(-1, SEEDS), axis=1)
-    return q[:, best + SEEDS * np.arange(len(poses))]
+    cosine = 0.5 * (np.einsum("nij,mij->nm", poses.rotation, at.rotation) - 1.0)
+    away = ((poses.position[:, None] - at.position) ** 2).sum(axis=2) + np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2
+    seeds = np.argsort(away, axis=1)[:, :SEEDS].ravel()
+    q, error = arm.reached(postures[seeds], poses[np.repeat(np.arange(len(poses)), SEEDS)])
+    outside = np.maximum(np.maximum(arm.lower_rad - q, q - arm.upper_rad), 0.0).sum(axis=1)
+    best = np.argmin((error.sum(axis=1) * 1e3 + outside).reshape(-1, SEEDS), axis=1)
+    return np.asarray(q[best + SEEDS * np.arange(len(poses))])
 
 
 @lru_cache(maxsize=16)
 def _postures(arm: Arm) -> tuple[Array, _Poses]:
-    """Postures (J, m) spread over the joint ranges, and where the arm's end is there."""
+    """Postures (m, J) spread over the joint ranges, and where the arm's end is there."""
     spread = _evenly_spread(SEED_POSTURES, len(arm.lower_rad))
-    postures = np.ascontiguousarray((arm.lower_rad + spread * (arm.upper_rad - arm.lower_rad)).T)
+    postures = arm.lower_rad + spread * (arm.upper_rad - arm.lower_rad)
     return postures, _Poses(*arm.forward(postures)[:2])
-
-
-@lru_cache(maxsize=16)
-def _spare(arm: Arm) -> Array:
-    """(J - 6, J) what leaves the end at rest in the middle of the joints' ranges. Of the angles of seven joints those
-    count that are none of it off the middle.
-    """
-    middle = 0.5 * (arm.lower_rad + arm.upper_rad)[:, None]
-    position, _, origins, axes = arm.forward(middle)
-    _, _, ways = np.linalg.svd(jacobian(position, origins, axes)[..., 0])
-    return np.asarray(ways[6:])
 
 
 def _evenly_spread(count: int, dimension: int) -> Array:
@@ -226,57 +217,3 @@ def _evenly_spread(count: int, dimension: int) -> Array:
     for _ in range(40):
         root = (1.0 + root) ** (1.0 / (dimension + 1))
     return np.asarray(np.outer(np.arange(1, count + 1), root ** -np.arange(1.0, dimension + 1)) % 1.0)
-
-
-def _pose_error(at: _Poses, wanted: _Poses) -> Array:
-    """Position and weighted rotation vector (6, n) from poses to the wanted ones."""
-    columns, there = at.columns, wanted.columns
-    skew = 0.5 * (cross(columns[0], there[0]) + cross(columns[1], there[1]) + cross(columns[2], there[2]))
-    cosine = np.clip(0.5 * ((columns * there).sum(axis=(0, 1)) - 1.0), -1.0, 1.0)
-    sine = np.sqrt((skew * skew).sum(axis=0))
-    turning = sine > 1e-9
-    turn = skew * np.where(turning, np.arctan2(sine, cosine) / np.where(turning, sine, 1.0), 1.0)
-    half_turn = np.flatnonzero((sine <= 1e-6) & (cosine < 0.0))
-    if len(half_turn) > 0:
-        shape = np.broadcast_shapes(columns.shape, there.shape)
-        columns, there = np.broadcast_to(columns, shape), np.broadcast_to(there, shape)
-        difference = np.einsum("icn,ijn->ncj", there[..., half_turn], columns[..., half_turn])
-        turn[:, half_turn] = rotation_vector(difference).T
-    return np.concatenate([wanted.position - at.position, ROTATION_LENGTH_M * turn])
-
-
-def _descend(arm: Arm, start: Array, poses: _Poses) -> tuple[Array, Array]:
-    """Damped Gauss-Newton from angles (J, n); returns angles and the norms (2, n) of position and weighted orientation
-    errors.
-    """
-    q = angles = start.copy()
-    left = np.full((2, q.shape[1]), np.inf)
-    active = np.arange(q.shape[1])
-    weight = np.array([1.0, 1.0, 1.0, ROTATION_LENGTH_M, ROTATION_LENGTH_M, ROTATION_LENGTH_M])[:, None, None]
-    spare = ROTATION_LENGTH_M * _spare(arm) if len(q) > 6 else np.zeros((0, len(q)))
-    middle = 0.5 * (arm.lower_rad + arm.upper_rad)[:, None]
-    for iteration in range(ITERATIONS):
-        position, columns, origins, axes = arm.forward(angles)
-        error = _pose_error(_Poses(position, columns), poses)
-        if len(spare):
-            error = np.concatenate([error, spare @ (middle - angles)])
-        squares = error * error
-        left[:, active] = now = np.sqrt([squares[:3].sum(axis=0), squares[3:].sum(axis=0)])
-        moving = np.flatnonzero(now.max(axis=0) > CONVERGED_M)
-        if iteration == ITERATIONS - 1 or len(moving) == 0:
-            break
-        if len(moving) < len(active):
-            active, angles, poses = active[moving], angles[:, moving], poses[moving]
-            position, origins, axes = position[:, moving], origins[..., moving], axes[..., moving]
-            error, squares = error[:, moving], squares[:, moving]
-        by_angle = weight * jacobian(position, origins, axes)
-        if len(spare):
-            by_angle = np.concatenate([by_angle, np.broadcast_to(spare[..., None], (*spare.shape, len(moving)))])
-        normal = np.einsum("ijn,kjn->ikn", by_angle, by_angle)
-        every = range(len(normal))
-        normal[every, every] += 0.01 * squares.sum(axis=0) + 1e-12
-        step = np.einsum("ijn,in->jn", by_angle, solved(normal, error))
-        size = np.abs(step).max(axis=0)
-        angles = angles + step * np.minimum(1.0, MAX_STEP_RAD / np.maximum(size, 1e-12))
-        q[:, active] = angles
-    return middle + (q - middle + np.pi) % (2.0 * np.pi) - np.pi, left

@@ -8,10 +8,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from crux_contracts.compiled import doubles, flags, shared_library
 from crux_contracts.robot_types import AtZero
 
 from crux_planner.model.arrays import Array, Flags
-from crux_planner.model.native import doubles, flags, shared_library
 
 NAME = "libcrux_chain.so"
 

@@ -8,12 +8,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from crux_contracts.compiled import doubles, flags
 from crux_contracts.robot import Limb
 
 from crux_planner.model import chain_native
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.chain import ChainInverse
-from crux_planner.model.native import doubles, flags
 from crux_planner.reach.native import ANY_SIDE, Box, Capsule, Poses, given, numbers
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.solids import LINK_OF, Solids

@@ -9,10 +9,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from crux_contracts.compiled import doubles, flags, shared_library
 from crux_contracts.robot import Limb
 
 from crux_planner.model.arrays import Array, Flags
-from crux_planner.model.native import doubles, flags, shared_library
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.sector import Sector
 from crux_planner.reach.solids import Links, Solids

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from crux_contracts.compiled import doubles, integers, shared_library
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.native import doubles, integers, shared_library
 
 NAME = "libcrux_path.so"
 GRIP = 6  # numbers of a grip

@@ -12,10 +12,10 @@ from typing import Any, Self
 
 import casadi as ca
 import numpy as np
+from crux_contracts.compiled import doubles, shared_library
 from numpy.typing import NDArray
 
 from crux_planner.model.arrays import Array, Indices
-from crux_planner.model.native import doubles, shared_library
 
 NAME = "libcrux_tape.so"
 _OPERATIONS = {

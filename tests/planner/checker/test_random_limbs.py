@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio
 import pytest
-from crux_planner.checker.inverse_kinematics import arm_of, jacobian, solve
+from crux_planner.checker.inverse_kinematics import arm_of, solve
 from crux_planner.checker.limb_model import Limb, read_model
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -34,8 +34,7 @@ def spare_motion(limb: Limb) -> np.ndarray:
     """
     arm, _ = arm_of(limb)
     count = len(arm.lower_rad)
-    position, _, origins, axes = arm.forward((arm.lower_rad + arm.upper_rad)[:, None] / 2)
-    slopes = jacobian(position, origins, axes)[..., 0]
+    slopes = arm.forward((arm.lower_rad + arm.upper_rad)[None] / 2)[2][0]
     return np.eye(count) - np.linalg.pinv(slopes) @ slopes if count > 6 else np.zeros((count, count))
 
 
@@ -45,7 +44,9 @@ def check_forward(limb: Limb, text: str, q_rad: np.ndarray) -> tuple[np.ndarray,
     data, tip = model.createData(), model.getFrameId("tip")
     state = limb.forward(q_rad)
     places, turns = state.link_position_m["tip"], state.link_rotation["tip"]
-    slopes = jacobian(places.T, state.joint_origin_m.T, state.joint_axis.T)
+    arm, mounting = arm_of(limb)
+    in_arm = arm.forward(q_rad)[2].reshape(-1, 2, 3, len(limb.joints))
+    slopes = (mounting.rotation_b @ in_arm).reshape(len(q_rad), 6, -1)
     for i, angles in enumerate(q_rad):
         q = pinocchio.neutral(model)
         for name, angle in zip((joint.name for joint in limb.joints), angles, strict=True):
@@ -56,7 +57,7 @@ def check_forward(limb: Limb, text: str, q_rad: np.ndarray) -> tuple[np.ndarray,
         assert places[i] == pytest.approx(data.oMf[tip].translation, abs=1e-12)
         assert turns[i] == pytest.approx(data.oMf[tip].rotation, abs=1e-12)
         expected = pinocchio.getFrameJacobian(model, data, tip, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        assert slopes[:, :, i] == pytest.approx(expected, abs=1e-12)
+        assert slopes[i] == pytest.approx(expected, abs=1e-12)
     return places, turns
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from crux_contracts.compiled import doubles, integers
 
 from crux_planner.certificates.bound import native
 from crux_planner.certificates.bound.grasps import Grasps, Groups
@@ -20,7 +21,6 @@ from crux_planner.certificates.bound.swings import airborne
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.limb import LimbMasses
 from crux_planner.model.mass import yawed_bounds
-from crux_planner.model.native import doubles, integers
 from crux_planner.model.problem import Problem
 
 FOLLOW = 0.098  # k: any number is true, this one leaves little open

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from crux_contracts.compiled import doubles, integers
 
 from crux_planner.certificates.bound import native
 from crux_planner.certificates.bound.places import Orientations, body_boxes, shoulder_to_wrist, shoulders
 from crux_planner.certificates.bound.swings import distinct, ends
 from crux_planner.model.arrays import Array, Flags, Indices
-from crux_planner.model.native import doubles, integers
 from crux_planner.model.problem import Problem
 
 _PAIRS = 25  # of a node, where memory allows

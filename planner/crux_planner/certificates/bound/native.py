@@ -8,8 +8,7 @@ from functools import cache
 from typing import Any
 
 from crux_contracts import N_LIMBS
-
-from crux_planner.model.native import shared_library
+from crux_contracts.compiled import shared_library
 
 NAME = "libcrux_bound.so"
 

@@ -19,12 +19,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from crux_contracts import N_LIMBS
+from crux_contracts.compiled import doubles, integers
 
 from crux_planner.certificates.bound import native
 from crux_planner.certificates.bound.grasps import Grasps
 from crux_planner.certificates.bound.swings import quickest_to
 from crux_planner.model.arrays import Array, Indices
-from crux_planner.model.native import doubles, integers
 from crux_planner.model.problem import Problem
 
 Stage = Callable[[int], Array]

@@ -11,11 +11,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from crux_contracts.compiled import flags
 
 from crux_planner.certificates.infeasibility.poses import GoalPoses
 from crux_planner.model.arrays import Flags
 from crux_planner.model.contacts import Grip
-from crux_planner.model.native import flags
 from crux_planner.reach import native
 from crux_planner.reach.arm import ArmReach
 from crux_planner.reach.protocol import Reach
