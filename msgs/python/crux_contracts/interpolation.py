@@ -8,6 +8,7 @@ Every `u` may be a number or an array; results then have u's shape in front.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from crux_msgs import limb_knot_t, plan_t
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import LIMB_NAMES
 from .gripper_frames import gripper_rotation
+from .pchip import Pchip
 
 Array = NDArray[np.float64]
 
@@ -103,8 +105,6 @@ class PlanReference:
     """
 
     def __init__(self, plan: plan_t) -> None:
-        from scipy.interpolate import PchipInterpolator  # 0.3 s of CPU, which most who use this module do without
-
         if len(plan.knots) < 2:
             raise ValueError(f"a plan needs two knots at least, this one has {len(plan.knots)}")
         self.intervals = len(plan.knots) - 1
@@ -123,12 +123,16 @@ class PlanReference:
         self._yaw_w_rad = np.array([[limb.gripper_yaw_w_rad for limb in knot] for knot in limbs], dtype=float)
         self._tilt_w_rad = np.array([[limb.gripper_tilt_w_rad for limb in knot] for knot in limbs], dtype=float)
         self._opening_m = np.array([[limb.finger_separation_m / 2 for limb in knot] for knot in limbs], dtype=float)
-        self._wrench = np.array([[gripper_wrench(limb) for limb in knot] for knot in limbs])
+        self._limbs = limbs
         poses = np.array([[*knot.body_position_w_m, *knot.body_rpy_rad] for knot in plan.knots], dtype=float)
-        self._body = PchipInterpolator(self.time_s, poses)
-        self._body_rate = self._body.derivative()
+        self._body = Pchip(self.time_s, poses)
         feet = np.concatenate([self._position_w_m, self._yaw_w_rad[..., None]], axis=2)
-        self._feet = PchipInterpolator(self.time_s, feet)
+        self._feet = Pchip(self.time_s, feet)
+
+    @cached_property
+    def _wrench(self) -> Array:
+        """(N+1, 4, 6); motion alone does without."""
+        return np.array([[gripper_wrench(limb) for limb in knot] for knot in self._limbs])
 
     @property
     def end_s(self) -> float:
@@ -155,7 +159,7 @@ class PlanReference:
 
     def body_rates(self, time_s: ArrayLike) -> tuple[Array, Array]:
         """Time derivatives of `body`: velocity (..., 3) and rates of roll, pitch, yaw (..., 3)."""
-        rate = self._body_rate(np.clip(time_s, 0.0, self.end_s))
+        rate = self._body.rate(np.clip(time_s, 0.0, self.end_s))
         return rate[..., :3], rate[..., 3:]
 
     def limb(self, limb: int, k: int, u: ArrayLike) -> GripperReference:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.pchip import Pchip
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
@@ -88,10 +89,8 @@ class WalkProblem(CentroidalProblem):
         """
         hands, last = self._grippers(feet, yaws), len(poses) - 1
         if parts > 1:
-            from scipy.interpolate import PchipInterpolator  # slow to import, and climbs do without
-
             at = np.linspace(0.0, last, last * parts + 1)
-            poses, hands = (PchipInterpolator(np.arange(last + 1), each)(at) for each in (poses, hands))
+            poses, hands = (Pchip(np.arange(last + 1), each)(at) for each in (poses, hands))
         return centres_of_pressure(self, poses, hands, self.dt_s / parts)
 
     def _grippers(self, feet: Array, yaws: Array) -> Array:
