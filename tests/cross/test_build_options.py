@@ -54,6 +54,7 @@ def test_without_options_only_the_programs_are_built(tmp_path: Path) -> None:
         "libcrux_path.so",
         "libcrux_reach.so",
         "libcrux_sim.so",
+        "libcrux_stages.so",
         "libcrux_tape.so",
         "libcrux_nodes.so",
     } <= found

@@ -24,6 +24,7 @@ PROGRAMS = (
     "planner/libcrux_checker.so",
     "planner/libcrux_path.so",
     "planner/libcrux_reach.so",
+    "planner/libcrux_stages.so",
     "planner/libcrux_tape.so",
 )
 INSTALLED = ("operator.lock", "simulation.lock", "campaign.lock", "development.lock", "uv.lock.txt")

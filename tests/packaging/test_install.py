@@ -66,7 +66,7 @@ def test_installed_programs_run_where_they_are_moved_and_tell_no_place(tmp_path:
     install_programs(tmp_path / "first")
     prefix = (tmp_path / "first").rename(tmp_path / "second")
     files = [path for path in prefix.rglob("*") if path.is_file()]
-    planner = {f"libcrux_{part}.so" for part in ("bound", "chain", "checker", "path", "reach", "tape")}
+    planner = {f"libcrux_{part}.so" for part in ("bound", "chain", "checker", "path", "reach", "stages", "tape")}
     libraries = {*planner, "libcrux_sim.so", "liblcm.so.1"}
     assert {"crux-runtime", "crux-recompute", *libraries} <= {path.name for path in files}
     places = (ROOT, ROOT.resolve(), Path.home(), Path("/tmp"))

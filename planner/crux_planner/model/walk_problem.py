@@ -90,7 +90,7 @@ class WalkProblem(CentroidalProblem):
         hands, last = self._grippers(feet, yaws), len(poses) - 1
         if parts > 1:
             at = np.linspace(0.0, last, last * parts + 1)
-            poses, hands = (Pchip(np.arange(last + 1), each)(at) for each in (poses, hands))
+            poses, hands = (Pchip(np.arange(last + 1.0), each)(at) for each in (poses, hands))
         return centres_of_pressure(self, poses, hands, self.dt_s / parts)
 
     def _grippers(self, feet: Array, yaws: Array) -> Array:

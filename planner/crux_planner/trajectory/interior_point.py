@@ -1,8 +1,8 @@
 """A primal-dual interior-point method for the exact P1 that works stage by stage.
 
 Each column (a limb at a knot) meets the rest of the problem only through the body's state at its knot, and each knot
-only its neighbours. So columns are eliminated all at once by small inverses, and what is left, states and multipliers
-of the dynamics, by a Riccati recursion: time grows linearly with the knots and by a small factor. Every step is
+only its neighbours. So columns are eliminated one by one, and what is left, states and multipliers of the dynamics, by
+a Riccati recursion (libcrux_stages.so): time grows linearly with the knots and by a small factor. Every step is
 Mehrotra's: one without a barrier says how low the next may be and where products of slack and dual would leave it, and
 a second solve with the same factors corrects that (Nocedal and Wright, Numerical Optimization, 19.3).
 """
@@ -12,10 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg.lapack import dgesv, dgetrs
 
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.solvers import clock
+from crux_planner.trajectory.native import StageSystem
 from crux_planner.trajectory.stage_functions import POSE
 from crux_planner.trajectory.stage_problem import PINNED, Derivatives, StageProblem
 
@@ -138,16 +138,10 @@ class NewtonSystem:
         self.stages, self.at, self.point = stages, at, point
         self._slacks = np.where(stages.bounded, point.slacks, 1.0)
         self._stiffness = point.duals / self._slacks
-        body_hessian, column_hessian, self._cross = stages.condensed(at, self._stiffness.sum(axis=0))
-        self._inverse = np.linalg.inv(column_hessian)  # (N, 4, 8, 8)
-        self._into = at.into_state  # (N, 4, 12, 8): of a column on the next state
-        self._cross_inverse, self._into_inverse = self._cross @ self._inverse, self._into @ self._inverse
-        body_hessian[:-1] -= (self._cross_inverse @ self._cross.swapaxes(-1, -2)).sum(axis=1)
-        body_hessian[1:, :POSE, :POSE] += damping * np.eye(POSE)
-        body_hessian[-1] += np.diag(PINNED * stages.pinned)
-        free = at.state_map - (self._into_inverse @ self._cross.swapaxes(-1, -2)).sum(axis=1)
-        supply = (self._into_inverse @ self._into.swapaxes(-1, -2)).sum(axis=1)
-        self._chain = Riccati(body_hessian, free, supply)
+        body, columns, cross = stages.condensed(at, self._stiffness.sum(axis=0))
+        body[1:, :POSE, :POSE] += damping * np.eye(POSE)
+        body[-1] += np.diag(PINNED * stages.pinned)
+        self._system = StageSystem(body, columns, cross, at.state_map, at.into_state)
 
     def step(self, defects: Array, lacking: Array, products: Array) -> Point:
         """Changes of all variables, towards these products of slack and dual (2, R) or one for all; `defects` (N, 12)
@@ -155,13 +149,8 @@ class NewtonSystem:
         stages, point, bounded = self.stages, self.point, self.stages.bounded
         pull = np.where(bounded, products / self._slacks, 0.0) - self._stiffness * lacking
         body_slope, column_slope = stages.slopes(self.at, pull[0] - pull[1])
-        body_slope[:-1] -= (self._cross_inverse @ column_slope[..., None]).sum(axis=1)[..., 0]
         body_slope[-1] -= PINNED * stages.pinned * (stages.last - point.body[-1])
-        offset = defects - (self._into_inverse @ column_slope[..., None]).sum(axis=1)[..., 0]
-        body, multipliers = self._chain.solve(body_slope, offset)
-        column_slope += (body[:-1, None, None] @ self._cross)[..., 0, :]
-        column_slope += (multipliers[:, None, None] @ self._into)[..., 0, :]
-        columns = -(self._inverse @ column_slope[..., None])[..., 0]
+        body, columns, multipliers = self._system.solve(body_slope, column_slope, defects)
         change = stages.change(self.at, body, columns)
         inwards = np.stack([change, -change])
         return Point(
@@ -171,43 +160,6 @@ class NewtonSystem:
             np.where(bounded, inwards + lacking, 0.0),
             np.where(bounded, pull - point.duals - self._stiffness * inwards, 0.0),
         )
-
-
-class Riccati:
-    """x[0] = 0, x[k + 1] = free x[k] - supply m[k] + offset, m[k] the slope of all that comes after, for costs of any
-    slope: Hessians (N + 1, n, n), `free` and `supply` (N, n, n)."""
-
-    def __init__(self, hessian: Array, free: Array, supply: Array) -> None:
-        n, size = len(free), free.shape[-1]
-        identity = np.eye(size)
-        # LAPACK itself: numpy's solve takes six times as long for one small matrix
-        self._factors: list[tuple[Array, Array]] = []
-        self._values, self._gains = np.empty((n, size, size)), np.empty((n, size, size))
-        value = hessian[n]
-        for k in range(n - 1, -1, -1):
-            self._values[k] = value  # of the state that k leads to
-            *factors, gain, _ = dgesv(identity + value @ supply[k], value @ free[k])
-            self._factors.append((factors[0], factors[1]))
-            self._gains[k] = gain
-            value = hessian[k] + free[k].T @ gain
-            value = (value + value.T) / 2
-        self._factors.reverse()
-        self._free, self._supply = free, supply
-        self._closed = free - supply @ self._gains
-
-    def solve(self, slope: Array, offset: Array) -> tuple[Array, Array]:
-        """Steps (N + 1, n) and multipliers (N, n) for slopes (N + 1, n) and offsets (N, n)."""
-        n, size = offset.shape
-        push, pushed = slope[n], (self._values @ offset[..., None])[..., 0]
-        shift = np.empty((n, size))
-        for k in range(n - 1, -1, -1):
-            shift[k] = dgetrs(*self._factors[k], pushed[k] + push)[0]
-            push = slope[k] + shift[k] @ self._free[k]
-        offset = offset - (self._supply @ shift[..., None])[..., 0]
-        steps = np.zeros((n + 1, size))
-        for k in range(n):
-            steps[k + 1] = self._closed[k] @ steps[k] + offset[k]
-        return steps, (self._gains @ steps[:-1, :, None])[..., 0] + shift
 
 
 def _gap(slacks: Array, duals: Array, bounded: Flags) -> float:
