@@ -67,6 +67,11 @@ __attribute__((visibility("default"))) void crux_reach_apart(const crux_reach_ca
                                                              const crux_reach_capsules* two, int64_t poses,
                                                              double clear_m, int64_t hands, uint8_t* apart);
 
+/* Numbers the connected parts of the cells of a grid, the last axis fastest, from 1 on in the order of their first
+ * cells; 0 outside. Cells next to each other along one axis are connected. Returns how many there are. */
+__attribute__((visibility("default"))) int64_t crux_reach_parts(int64_t axes, const int64_t* shape,
+                                                                const uint8_t* inside, int64_t* numbers);
+
 #ifdef __cplusplus
 }
 #endif

@@ -8,8 +8,6 @@ from __future__ import annotations
 import json
 import shlex
 import sys
-import tomllib
-from importlib import metadata
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -56,6 +54,8 @@ def how_to_add(module: str) -> str:
 
 def _installed_from() -> str:
     """The wheel or the clone that pip installed; the distribution's name where it came from a package index."""
+    from importlib import metadata  # it and tomllib take 0.03 s of CPU, which hardly any command needs
+
     told = json.loads(metadata.distribution(DISTRIBUTION).read_text("direct_url.json") or "{}").get("url", "")
     url = urlsplit(told)
     return unquote(url.path) if url.scheme == "file" else told or DISTRIBUTION
@@ -71,7 +71,11 @@ def make_target_with(module: str) -> str:
 def version_and_requirements() -> tuple[str, list[str]]:
     """Of the checkout's pyproject.toml, or of the installed package; requirements as in `numpy~=2.1`."""
     if not CHECKOUT:
+        from importlib import metadata
+
         return metadata.version(DISTRIBUTION), metadata.requires(DISTRIBUTION) or []
+    import tomllib
+
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"].values()
     return str(project["version"]), [*project["dependencies"], *(name for extra in extras for name in extra)]

@@ -1,6 +1,7 @@
 """Whose plan this is: its hashes, the scenario inside, what that fixes, and that the plan's copies of it are true."""
 
 import hashlib
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -37,12 +38,17 @@ def check_identity(plan: Any, robot: Robot, findings: Findings) -> None:
 def read_scene(plan: Any, arrays: PlanArrays, findings: Findings) -> Scenario | None:
     """The scenario of a crux_msgs.plan_t, its copies compared; None after reporting why its text cannot be used."""
     try:
-        scenario = parse_scenario(plan.scenario_yaml, "the scenario in the plan")
+        scenario = _scenario(plan.scenario_yaml)
     except ScenarioError as error:
         findings.add("scenario", 1.0, "", detail=str(error))
         return None
     findings.add("scenario", 0.0, "")
     return scenario if _compare(plan, arrays, scenario, findings) else None
+
+
+@lru_cache(maxsize=4)  # plans made for one scenario are checked one after the other
+def _scenario(text: str) -> Scenario:
+    return parse_scenario(text, "the scenario in the plan")
 
 
 def _compare(plan: Any, arrays: PlanArrays, scenario: Scenario, findings: Findings) -> bool:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from crux_contracts.scenario import Uncertainty
@@ -121,7 +122,7 @@ class CentroidalProblem:
     weights: Weights
     heading_rad: float  # of H in W
 
-    @property
+    @cached_property
     def closed_form(self) -> bool:
         """Whether limbs have closed-form kinematics: proofs and bounds are about these alone."""
         return all(each.limb.closed_form for each in self.limb_masses)
@@ -157,17 +158,17 @@ class Problem(CentroidalProblem):
     near: frozenset[Contacts] = frozenset()  # where limbs keep to their boxes
     nominal: Problem | None = None  # with the rows as they are without the scenario's uncertainty
 
-    @property
+    @cached_property
     def leans(self) -> bool:
         """Whether some grasp has a face that leans."""
         return any(contact.leans for contact in self.contacts)
 
-    @property
+    @cached_property
     def upright(self) -> bool:
         """Whether all faces and cuboids are, on one endless wall: proofs and bounds are about these alone."""
         return self.cuboids.upright and not self.leans and not self.surfaces.names
 
-    @property
+    @cached_property
     def hand_numbers(self) -> int:
         """Of a hand, see model.hands."""
         return UPRIGHT if all(contact.tilt_rad is None for contact in self.contacts) else TILTED

@@ -8,13 +8,11 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.hands import UPRIGHT, rotations
 from crux_planner.model.kinematics import rotation_from_rpy
-from crux_planner.reach import between
+from crux_planner.reach import between, native
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.protocol import Reach
 
@@ -165,25 +163,4 @@ def parts(mask: Flags) -> tuple[Indices, int]:
 
     Cells next to each other along one axis are connected. Parts are numbered in the order of their first cells.
     """
-    cells = mask.squeeze()  # every axis costs time
-    inside = np.flatnonzero(cells)
-    numbers = np.zeros(cells.shape, dtype=int)
-    numbers.reshape(-1)[inside] = np.arange(len(inside))
-    pairs = []
-    for axis in range(cells.ndim):
-        along, along_cells = np.moveaxis(numbers, axis, 0), np.moveaxis(cells, axis, 0)
-        both = along_cells[:-1] & along_cells[1:]
-        pairs.append((along[:-1][both], along[1:][both]))
-    first, second = (np.concatenate(each) for each in zip(*pairs, strict=True)) if pairs else (inside[:0],) * 2
-    edges = coo_matrix((np.ones(len(first), dtype=bool), (first, second)), (len(inside), len(inside)))
-    count, labels = connected_components(edges, directed=False)
-    numbers.reshape(-1)[inside] = _by_first(labels)
-    return numbers.reshape(mask.shape), int(count)
-
-
-def _by_first(labels: Indices) -> Indices:
-    """Labels counted from 1 on in the order in which they come first."""
-    values, first = np.unique(labels, return_index=True)
-    rank = np.empty(len(values), dtype=int)
-    rank[np.argsort(first)] = np.arange(1, len(values) + 1)
-    return rank[labels]
+    return native.parts(mask)

@@ -9,10 +9,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from crux_contracts.compiled import doubles, flags, shared_library
+from crux_contracts.compiled import doubles, flags, integers, needed_library, shared_library
 from crux_contracts.robot import Limb
 
-from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.sector import Sector
 from crux_planner.reach.solids import Links, Solids
@@ -78,6 +78,8 @@ def library() -> ctypes.CDLL | None:
     if loaded is not None:
         loaded.crux_reach.restype = None
         loaded.crux_reach.argtypes = [POINTER(Arm), POINTER(Poses), POINTER(c_uint8)]
+        loaded.crux_reach_parts.restype = c_int64
+        loaded.crux_reach_parts.argtypes = [c_int64, POINTER(c_int64), POINTER(c_uint8), POINTER(c_int64)]
         loaded.crux_reach_links.restype = None
         loaded.crux_reach_links.argtypes = [POINTER(Arm), POINTER(Poses), POINTER(c_double), POINTER(c_double)]
         loaded.crux_reach_apart.restype = None
@@ -119,6 +121,16 @@ def reaches(compiled: ctypes.CDLL, limb: Arm, poses: GripperPoses, side: Sector)
     found = np.empty(whole, dtype=np.bool_)
     compiled.crux_reach(limb, seen, flags(found))
     return found.reshape(poses.shape)
+
+
+def parts(mask: Flags) -> tuple[Indices, int]:
+    """Connected parts of the cells of a grid: the number of each cell's part, and how many there are.
+    FileNotFoundError where the library has not been built.
+    """
+    compiled, cells = library() or needed_library(NAME), np.ascontiguousarray(mask)
+    numbers, shape = np.empty(mask.shape, dtype=np.int64), np.array(mask.shape, dtype=np.int64)
+    count = compiled.crux_reach_parts(mask.ndim, integers(shape), flags(cells), integers(numbers))
+    return numbers, int(count)
 
 
 def links(compiled: ctypes.CDLL, limb: Arm, poses: GripperPoses) -> tuple[Array, Array]:

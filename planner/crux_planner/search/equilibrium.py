@@ -7,14 +7,13 @@ settle most queries; a small QP settles the rest.
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
 from crux_planner.physics.limit_surface import grip_rows
 from crux_planner.physics.static_balance import StaticBalance
 from crux_planner.solvers.qp import Qp
-from crux_planner.solvers.sparse_blocks import skews
+from crux_planner.solvers.sparse_blocks import block_diagonal, skews
 
 _SETTINGS = {"eps_abs": 1e-6, "max_iter": 60}  # of PIQP
 WRENCH = 5  # QP variables a gripper: w and its squeeze n, see physics.limit_surface
@@ -147,7 +146,7 @@ class StaticEquilibrium(StaticBalance):
     def _limits(self, support: tuple[int, ...]) -> tuple[Array, Array, Array, Array]:
         """Limit rows and bounds of the wrenches of all grippers in `support`."""
         parts = [self.limit_rows(c) for c in support]
-        rows = block_diag(*[a for a, _ in parts])
+        rows = block_diagonal([a for a, _ in parts])
         high = np.tile([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N], len(support))
         low = -high
         low[4::WRENCH] = 0.0

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import scipy.linalg as la
 
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.problem import Problem
@@ -21,6 +20,7 @@ from crux_planner.search.body_path import within
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, StaticEquilibrium
 from crux_planner.solvers.path import Grip, Grips, PathProblem, least_cost
 from crux_planner.solvers.qp import Block, SparseQp
+from crux_planner.solvers.sparse_blocks import block_diagonal
 
 _CONE_SHARE = 0.97  # of the polytope that touches the cone (2) from outside: on average as large as the cone
 _LEVEL = np.eye(3)
@@ -177,7 +177,7 @@ class EventPath:
     def _gripped(self, support: tuple[int, ...]) -> _Together:
         each = [self._grip(contact) for contact in support]
         low, high, right = (np.concatenate([getattr(grip, part) for grip in each]) for part in ("low", "high", "right"))
-        limits, balance = la.block_diag(*[grip.limits for grip in each]), [grip.map for grip in each]
+        limits, balance = block_diagonal([grip.limits for grip in each]), [grip.map for grip in each]
         return _Together(low, high, Block(limits), right, Block(np.hstack([*balance, self._body])))
 
     def _move_body(self, qp: SparseQp, knots: list[int], body: list[Indices]) -> None:

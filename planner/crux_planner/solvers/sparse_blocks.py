@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -63,6 +65,15 @@ class Rows(Entries):
         low, high = (np.concatenate([np.zeros(0), *ends]) for ends in (self._low, self._high))
         matrix = self.matrix((self.count, size), zeros=zeros).tocsc()
         return matrix, np.maximum(low, -_INFINITE), np.minimum(high, _INFINITE)
+
+
+def block_diagonal(blocks: Sequence[Array]) -> Array:
+    """A dense matrix with blocks (m, n) one after the other; scipy.linalg, which has it too, is slow to import."""
+    rows, columns = (np.cumsum([0, *(block.shape[axis] for block in blocks)]) for axis in (0, 1))
+    found = np.zeros((rows[-1], columns[-1]))
+    for i, block in enumerate(blocks):
+        found[rows[i] : rows[i + 1], columns[i] : columns[i + 1]] = block
+    return found
 
 
 def skews(v: Array) -> Array:

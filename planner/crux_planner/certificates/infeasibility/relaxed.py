@@ -9,7 +9,6 @@ collisions, no torques.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.contacts import Grip
@@ -20,7 +19,7 @@ from crux_planner.physics.dynamics import static_map
 from crux_planner.physics.limit_surface import grip_rows, polytope_directions
 from crux_planner.search.equilibrium import FORCE_BOUND_N, MOMENT_ARM_M, TWIST_BOUND_NM, StaticEquilibrium
 from crux_planner.solvers.qp import Qp
-from crux_planner.solvers.sparse_blocks import skews
+from crux_planner.solvers.sparse_blocks import block_diagonal, skews
 
 BIN_RAD, GOAL_BIN_RAD = 0.02, 0.008
 TOLERANCE_M = 1e-3  # more than the check forgives, and than the solvers' rounding
@@ -240,7 +239,7 @@ class RelaxedBalance:
             shares[i, at + 5] = 1.0
             limits, right = grip_rows(self.centred.limits[support[i]], self.directions, self.surface, most)
             blocks.append(np.hstack([limits, -right[:, None]]))
-        rows = np.hstack([np.zeros((sum(map(len, blocks)), 3)), block_diag(*blocks)])
+        rows = np.hstack([np.zeros((sum(map(len, blocks)), 3)), block_diagonal(blocks)])
         wrench = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N, 1.0])
         upper = np.concatenate([high, np.tile(wrench, len(places))])
         lower = np.concatenate([low, np.tile(-wrench, len(places))])
