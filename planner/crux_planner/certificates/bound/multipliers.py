@@ -12,10 +12,14 @@ small convex QP of one knot; it need not be trusted.
 from __future__ import annotations
 
 from copy import copy
+from ctypes import c_double
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from crux_contracts.compiled import doubles, integers
 
+from crux_planner.certificates.bound import native
 from crux_planner.certificates.bound.carrying import Carriers
 from crux_planner.certificates.bound.centre_of_mass import FOLLOW, CentreOfMass
 from crux_planner.certificates.bound.grasps import Grasps
@@ -38,8 +42,8 @@ _FORCE_N = 300.0
 class Window:
     """Where the body of some nodes is at a knot, and for their pairs the centre of mass with it."""
 
-    box: tuple[Array, Array]  # (3,) and (3,)
-    rest: Array  # (P, T, 2, 3) as CentreOfMass.within has it
+    box: tuple[Array, Array] | None  # (3,) and (3,), if it is anywhere in particular
+    rest: Array  # (P or 1, T, 2, 3) as CentreOfMass.within has it
 
 
 @dataclass(frozen=True)
@@ -62,11 +66,16 @@ class Accelerations:
         )
 
     def most(self, multipliers: Array, low: Array, high: Array) -> Array:
-        """(n,) for bodies in boxes (n, 3), multipliers (6,) or (n, 6)."""
-        lever, _, other = self._levers(multipliers, low, high)
-        moment = multipliers[..., 3:]
-        push = np.abs(lever).sum(axis=1) + (np.abs(moment) * other).sum(axis=1)
-        return np.asarray(self.push_N * push + self.spin_Nm * np.linalg.norm(moment, axis=-1))
+        """(n,) for bodies in boxes (n, 3) and multipliers (n, 6)."""
+        given = [np.ascontiguousarray(each) for each in (multipliers, low, high)]
+        found = np.empty(len(given[1]))
+        native.needed().crux_knot_most(self.compiled, len(found), *map(doubles, (*given, found)))
+        return found
+
+    @cached_property
+    def compiled(self) -> native.Accelerations:
+        """As the compiled part has it."""
+        return native.Accelerations((c_double * 6)(*np.concatenate(self.offset)), self.push_N, self.spin_Nm)
 
     def slopes(self, multipliers: Array, low: Array, high: Array) -> Array:
         """Of `most` in multipliers (n, 6)."""
@@ -123,13 +132,11 @@ class Multipliers:
         """
         nodes = self.nodes
         pairs, first, counts = self._pairs(which)
-        low, high = nodes.low[pairs], nodes.high[pairs]
         if multipliers.ndim == 2:
-            multipliers_of_pairs, held = np.repeat(multipliers, counts, axis=0), self._held_each(multipliers, which)
+            of_pairs, held = np.repeat(multipliers, counts, axis=0), self._held_each(multipliers, which)
         else:
-            multipliers_of_pairs, held = multipliers, self._held(multipliers, which)
-        box, rest = (None, self.masses.rest(nodes, pairs)) if window is None else (window.box, window.rest)
-        body = self._body(multipliers_of_pairs, low, high, pairs, box, rest)
+            of_pairs, held = multipliers, self._held(multipliers, which)
+        body = self._body(of_pairs, pairs, window or Window(None, self.masses.rest(nodes, pairs)))
         return np.asarray(held + np.minimum.reduceat(body, first))
 
     def window(self, which: Indices, box: tuple[Array, Array]) -> Window:
@@ -178,42 +185,27 @@ class Multipliers:
         low, high = self.hands[limb]
         return np.asarray(FOLLOW * np.minimum(slope * low, slope * high).sum(axis=-1))
 
-    def _body(
-        self, multipliers: Array, low: Array, high: Array, pairs: Indices, box: tuple[Array, Array] | None, rest: Array
-    ) -> Array:
-        """Least of the body's part for boxes (P, 3) of pairs (P,), multipliers (6,) or (P, 6), and accelerations."""
-        problem, about, cell = self.problem, self.about, self.nodes.cell[pairs]
-        force, moment = multipliers[..., :3], multipliers[..., 3:]
-        weight = problem.weight_N
-        slope = np.cross(weight, moment)  # of  pi_M . (c x M g)  in c
-        by_body = self._follow[self.nodes.node[pairs]] * slope
-        total = about.yaw_cost[cell] + force @ weight
-        arm_low, arm_high, options = low.copy(), high.copy(), []
-        for t, shift in enumerate(about.shift_m):
-            least, most = slope * rest[:, t, 0], slope * rest[:, t, 1]
-            cost = about.tilt_cost[t].min() + np.minimum(least, most).sum(axis=-1)
-            for axis in range(2):
-                near, far = low[:, axis] - shift, high[:, axis] + shift
-                if box is not None:
-                    near, far = np.maximum(near, box[0][axis]), np.minimum(far, box[1][axis])
-                cost = cost + np.where(near > far, np.inf, self._axis(axis, by_body[:, axis], near, far))
-                arm_low[:, axis], arm_high[:, axis] = near, far
-            options.append(cost)
-        total = total + np.minimum.reduce(options)
-        near, far = low[:, 2], high[:, 2]
-        if box is not None:
-            near, far = np.maximum(near, box[0][2]), np.minimum(far, box[1][2])
-        total = total + np.where(near > far, np.inf, self._axis(2, by_body[:, 2], near, far))
-        arm_low[:, 2], arm_high[:, 2] = near, far
-        return np.asarray(total - self.accelerations.most(multipliers, arm_low, arm_high))
+    def _body(self, multipliers: Array, pairs: Indices, window: Window) -> Array:
+        """Least of the body's part for pairs (P,) in a window, multipliers (6,) or (P, 6), and accelerations."""
+        nodes, box = self.nodes, None if window.box is None else np.array(window.box, dtype=float)
+        given = nodes.low[pairs], nodes.high[pairs], self._follow[nodes.node[pairs]], window.rest, multipliers
+        low, high, follow, rest, pi = (np.ascontiguousarray(each, dtype=float) for each in given)
+        cell, found = nodes.cell[pairs], np.empty(len(pairs))
+        ends = doubles(low), doubles(high), None if box is None else doubles(box)
+        parts = *ends, doubles(follow), doubles(rest), doubles(pi), integers(cell)
+        asked = native.KnotPairs(len(pairs), pi.ndim == 1, len(rest) == 1, *parts)
+        native.needed().crux_knot_least(self._knot, asked, doubles(found))
+        return found
 
-    def _axis(self, axis: int, slope: Array, near: Array, far: Array) -> Array:
-        """Least of Q (r - g)^2 + slope r for r in [near, far]."""
-        weight, goal = self.problem.weights.position, self.problem.goal.body.position_m[axis]
-        r = np.where(slope > 0, near, far)
-        if weight > 0:
-            r = np.clip(goal - slope / (2 * weight), near, np.maximum(near, far))
-        return np.asarray(weight * (r - goal) ** 2 + slope * r)
+    @cached_property
+    def _knot(self) -> native.Knot:
+        problem, about = self.problem, self.about
+        kept = [np.ascontiguousarray(each) for each in (about.yaw_cost, about.tilt_cost.min(axis=1), about.shift_m)]
+        ends = ((c_double * 3)(*each) for each in (problem.weight_N, problem.goal.body.position_m))
+        rest = *map(doubles, kept), *ends, problem.weights.position
+        made = native.Knot(self.accelerations.compiled, len(about.shift_m), *rest)
+        made.kept = kept
+        return made
 
 
 class KnotQp:

@@ -1,4 +1,4 @@
-"""ctypes binding of libcrux_bound.so (planner/native/timeline.h, stretched.h and centre_of_mass.h say more)."""
+"""ctypes binding of libcrux_bound.so (timeline.h, stretched.h, centre_of_mass.h, knot_bounds.h of planner/native)."""
 
 from __future__ import annotations
 
@@ -75,6 +75,34 @@ class Masses(ctypes.Structure):
     ]
 
 
+class Accelerations(ctypes.Structure):
+    """crux_knot_accelerations."""
+
+    _fields_ = [("offset_m", c_double * 6), ("push_N", c_double), ("spin_Nm", c_double)]
+
+
+class Knot(ctypes.Structure):
+    """crux_knot: it keeps its arrays alive."""
+
+    _fields_ = [
+        ("accelerations", Accelerations),
+        ("tilts", c_int64),
+        *((name, POINTER(c_double)) for name in ("yaw_cost", "tilt_cost", "shift_m")),
+        *((name, c_double * 3) for name in ("weight_N", "goal_m")),
+        ("distance", c_double),
+    ]
+
+
+class KnotPairs(ctypes.Structure):
+    """crux_knot_pairs."""
+
+    _fields_ = [
+        *((name, c_int64) for name in ("pairs", "one_multiplier", "one_rest")),
+        *((name, POINTER(c_double)) for name in ("low", "high", "box", "follow", "rest", "multipliers")),
+        ("cell", POINTER(c_int64)),
+    ]
+
+
 @cache
 def library() -> ctypes.CDLL | None:
     """None where it has not been built."""
@@ -86,6 +114,8 @@ def library() -> ctypes.CDLL | None:
             "timeline_forward": [POINTER(Timeline), *[floats] * 4],
             "timeline_backward": [POINTER(Timeline), *[floats] * 5],
             "stretched": [POINTER(StretchedLimb), c_double, c_double, c_int64, whole, whole, whole, floats, floats],
+            "knot_most": [POINTER(Accelerations), c_int64, *[floats] * 4],
+            "knot_least": [POINTER(Knot), POINTER(KnotPairs), floats],
             "mass_bounds": [POINTER(Masses), c_int64, floats, floats, whole, whole, whole, floats],
         }
         for name, types in taking.items():
