@@ -164,8 +164,7 @@ class JointFunctions(StageFunctions):
         as near to these as links keep far enough off each other.
         """
         path = body.copy()
-        given = first[:, :POSE], body[:, :POSE], hands_of(schedule.poses), np.full(len(path), OFF_M)
-        path[:, :POSE] = farthest_clear(self.reaches, *given)
+        path[:, :POSE] = farthest_clear(self.reaches, first[:, :POSE], body[:, :POSE], hands_of(schedule.poses))
         return replace(limits, path=path)
 
     def grippers(self, schedule: Schedule) -> Array:

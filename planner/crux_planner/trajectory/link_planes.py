@@ -7,7 +7,6 @@ places where they are nearest to each other on the path.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from itertools import combinations, product
 
@@ -16,8 +15,7 @@ import numpy as np
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.hands import rotations
 from crux_planner.model.kinematics import rotation_from_rpy
-from crux_planner.reach import solids
-from crux_planner.reach.between import gap_m, way_between
+from crux_planner.reach import between, solids
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.protocol import Reach
 from crux_planner.reach.solids import Links
@@ -100,28 +98,20 @@ def planes_about(ends: Ends, path: Array, hands: Array, apart_m: Array) -> Plane
     return Planes(normals, numbers[0][order], numbers[1][order], np.take_along_axis(least, order, axis=1))
 
 
-def farthest_clear(reaches: tuple[Reach, ...], path: Array, body: Array, hands: Array, apart_m: Array) -> Array:
-    """Of body poses (N, 6) on the straight way from a path's to others, the last of some at which links keep off the
-    trunk and off each other, which they do on the path.
+def farthest_clear(reaches: tuple[Reach, ...], path: Array, body: Array, hands: Array) -> Array:
+    """Of body poses (N, 6) on the straight way from a path's to others, the last of some at which links keep `OFF_M`
+    off the trunk and off each other, which they do on the path.
     """
     found = path.copy()
     for share in _SHARES:
         poses = path + share * (body - path)
         seen = _seen(poses, hands)
         links = [reach.links(each) for reach, each in zip(reaches, seen, strict=True)]
-        gaps = [gap_m(a, b, hands=False) for a, b in combinations(links, 2)]
-        gaps += [_off_trunk_m(reach, each) for reach, each in zip(reaches, links, strict=True)]
-        clear = np.min(gaps, axis=0) >= apart_m
-        found[clear] = poses[clear]
+        clear = [between.apart(*pair, OFF_M, hands=False) for pair in combinations(links, 2)]
+        clear += [solids.off_trunk(reach.keep_off, each, OFF_M) for reach, each in zip(reaches, links, strict=True)]
+        every = np.logical_and.reduce(clear)
+        found[every] = poses[every]
     return found
-
-
-def _off_trunk_m(reach: Reach, links: Links) -> Array:
-    """(N,) of the links that do not turn on the trunk."""
-    ends = zip(*(np.swapaxes(each, 0, 1) for each in (links.start_m, links.end_m)), links.radius_m, strict=True)
-    turning = itertools.islice(ends, len(reach.keep_off.links))
-    gaps = [solids.gap_m(reach.keep_off.trunk, start, end) - radius for start, end, radius in turning]
-    return np.asarray(np.min(gaps, axis=0))
 
 
 def _seen(path: Array, hands: Array) -> list[GripperPoses]:
@@ -164,7 +154,7 @@ def _off_each_other(ends: Ends, pair: tuple[int, int], links: list[Links], apart
     """Of the links of two limbs."""
     a, b = pair
     first, second = links[a], links[b]
-    way = way_between(
+    way = between.way_between(
         first.start_m[:, :, None], first.end_m[:, :, None], second.start_m[:, None], second.end_m[:, None]
     )
     off = np.linalg.norm(way, axis=-1)
