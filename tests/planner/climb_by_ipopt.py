@@ -95,7 +95,7 @@ def solve(
     options: dict[str, Any] = ONCE,
 ) -> Optimum:
     """P1 of a schedule, with constraints on the joint torques at the places `limited`."""
-    stages = StageProblem(StageFunctions(problem), problem, schedule, limited)
+    stages = StageProblem(StageFunctions(problem), problem, schedule).limiting(limited, problem)
     body, columns = start.body, columns_of(stages, start)
     f, n, stance = _Equations.of(stages.functions), stages.knots, stages.stance
     knots, limbs = np.nonzero(stance)

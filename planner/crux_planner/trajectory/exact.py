@@ -33,14 +33,14 @@ def solve_within_torques(
     functions = functions or StageFunctions(problem)
     limited: frozenset[Place] = frozenset()
     beyond: Solution | None = None
+    stages = StageProblem(functions, problem, schedule)
     if start.near:
-        stages = StageProblem(functions, problem, schedule, limited)
         limited = _watched(stages.torque_shares(start.body, columns_of(stages, start)))
     for _ in range(_TORQUE_ROUNDS + 1):
-        found = _solve_once(functions, problem, schedule, start, limited, deadline)
+        found = _solve_once(stages.limiting(limited, problem), schedule, start, deadline)
         if found is None and limited and np.any(problem.torque_limits_Nm < problem.last_torques_Nm):
             problem = replace(problem, torque_limits_Nm=problem.last_torques_Nm)
-            found = _solve_once(functions, problem, schedule, start, limited, deadline)
+            found = _solve_once(stages.limiting(limited, problem), schedule, start, deadline)
         if found is None:
             break
         if max(found.torque_shares.values()) <= 1.0 + _TORQUE_TOLERANCE:
@@ -58,18 +58,11 @@ def _watched(shares: dict[Place, float]) -> frozenset[Place]:
     return frozenset(place for place, share in shares.items() if share > _TORQUE_WATCH)
 
 
-def _solve_once(
-    functions: StageFunctions,
-    problem: Problem,
-    schedule: Schedule,
-    start: Start,
-    limited: frozenset[Place],
-    until: float,
-) -> Solution | None:
+def _solve_once(stages: StageProblem, schedule: Schedule, start: Start, until: float) -> Solution | None:
     """The solution stage by stage, only about the knots that rows are violated at if it starts from a solution
     elsewhere; None where that does not converge.
     """
-    stages = StageProblem(functions, problem, schedule, limited)
+    functions, problem = stages.functions, stages.problem
     body, columns = start.body, np.where(stages.fixed, stages.fixed_value, columns_of(stages, start))
     parts = windows(stages, body, columns) if start.near else None
     within = None if parts is None else minimise_within(stages, parts, body, columns, until)

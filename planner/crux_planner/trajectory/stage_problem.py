@@ -49,11 +49,9 @@ class Derivatives:
 
 
 class StageProblem:
-    """One schedule's P1 with x[0] fixed; air columns stay zero."""
+    """One schedule's P1 with x[0] fixed, and no rows for torques (`limiting`); air columns stay zero."""
 
-    def __init__(
-        self, functions: StageFunctions, problem: Problem, schedule: Schedule, limited: frozenset[tuple[int, int]]
-    ) -> None:
+    def __init__(self, functions: StageFunctions, problem: Problem, schedule: Schedule) -> None:
         self.functions, self.problem = functions, problem
         n = self.knots = problem.steps
         contacts = [[problem.contacts[c] if c is not None else None for c in knot] for knot in schedule.contacts[:n]]
@@ -74,10 +72,20 @@ class StageProblem:
         self.by_spines = self.stance & ~rough.all(axis=-1)
         self.grippers = functions.grippers(schedule)
         self.hands = hands_of(schedule.poses[:-1]).reshape(n, -1)
-        places = np.array(sorted(limited), dtype=int).reshape(-1, 2).T
-        self.limited: tuple[Indices, Indices] = (places[0], places[1])  # knots and limbs
+        self.limited: tuple[Indices, Indices] = (np.zeros(0, dtype=int), np.zeros(0, dtype=int))  # knots and limbs
         self.between = functions.between()
         self._set_bounds(schedule, contacts)
+
+    def limiting(self, places: frozenset[tuple[int, int]], problem: Problem) -> StageProblem:
+        """The same with rows for torques at these knots and limbs, of a problem that may have other torque limits."""
+        part = copy(self)
+        knots, limbs = np.array(sorted(places), dtype=int).reshape(-1, 2).T
+        part.problem, part.limited = problem, (knots, limbs)
+        lows, highs = self.split(self.low), self.split(self.high)
+        highs[-2] = _raised(np.tile(problem.torque_limits_Nm[limbs], 2))
+        lows[-2] = -highs[-2]
+        part._set_rows(lows, highs)
+        return part
 
     def _lean(self, contacts: list[list[Contact | None]]) -> None:
         """Adds to grasps and fingers what leaning faces need."""
@@ -101,13 +109,10 @@ class StageProblem:
         self.fixed_value = np.where(self.fixed, column_low, 0.0)
         column_low, column_high = np.where(self.fixed, -np.inf, column_low), np.where(self.fixed, np.inf, column_high)
         surface_low = np.where(self.rough, problem.surface_reserve_N / FORCE_SCALE_N, -np.inf)
-        torque = np.tile(problem.torque_limits_Nm[self.limited[1]], 2)
-        lows = [body_low, reach_low, column_low, surface_low, -torque, self.between.low]
+        torque = np.zeros((0, self._interval_torques))
+        lows = [body_low, reach_low, column_low, surface_low, torque, self.between.low]
         highs = [body_high, reach_high, column_high, np.full(surface_low.shape, np.inf), torque, self.between.high]
-        self._set_rows(
-            [low - _RELAXED * np.maximum(1.0, np.abs(low)) for low in lows],
-            [high + _RELAXED * np.maximum(1.0, np.abs(high)) for high in highs],
-        )
+        self._set_rows([-_raised(-low) for low in lows], [_raised(high) for high in highs])
 
     @property
     def _interval_torques(self) -> int:
@@ -362,6 +367,11 @@ class StageProblem:
         np.add.at(body, self.limited[0], both[:, :BODY_STATES])
         columns[(*self.limited, slice(WRENCH_INPUTS))] += both[:, BODY_STATES:]
         return body, columns
+
+
+def _raised(ends: Array) -> Array:
+    """Upper bounds with an inside."""
+    return np.asarray(ends + _RELAXED * np.maximum(1.0, np.abs(ends)))
 
 
 def _grasp(contact: Contact | None, hand_numbers: int) -> list[float]:

@@ -150,7 +150,7 @@ def test_equation_8a_the_body_moves_as_forces_push_it(plan: RandomPlan) -> None:
 def next_states(plan: RandomPlan) -> np.ndarray:
     """(N, 12): where the exact P1 has the body go."""
     functions = StageFunctions(plan.problem)
-    stages = StageProblem(functions, plan.problem, plan.schedule, frozenset())
+    stages = StageProblem(functions, plan.problem, plan.schedule)
     columns = np.zeros((N, 4, COLUMN))
     for t, knot in enumerate(plan.solution.wrenches):
         for limb, q in knot.items():

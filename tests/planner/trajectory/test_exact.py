@@ -82,7 +82,7 @@ def stages_at_random(seed: int) -> tuple[StageProblem, Point]:
     some_torques = frozenset(
         (k, limb) for k in range(0, 30, 7) for limb in range(4) if schedule.contacts[k][limb] is not None
     )
-    stages = StageProblem(LookingBetween(problem), problem, schedule, some_torques)
+    stages = StageProblem(LookingBetween(problem), problem, schedule).limiting(some_torques, problem)
     random = np.random.default_rng(seed)
     body = start_from_path(problem, path).body
     body += 0.005 * random.standard_normal(body.shape)
@@ -284,7 +284,7 @@ def test_torques_asked_for_in_a_solution_are_kept_by_knots_about_them_alone(monk
     assert 0 < max(solved) < problem.steps
     assert max(found.torque_shares.values()) <= 1.001
     assert found.columns is not None
-    stages = StageProblem(StageFunctions(tight), tight, schedule, frozenset(found.torque_shares))
+    stages = StageProblem(StageFunctions(tight), tight, schedule).limiting(frozenset(found.torque_shares), tight)
     assert stages.lacking(found.body, found.columns).max() < 1e-5
     assert np.abs(stages.next_states(found.body, found.columns) - found.body[1:]).max() < 1e-6
     assert at_once.cost - 1e-4 < found.cost < 1.002 * at_once.cost
