@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import os
 import re
 import subprocess
 import sys
@@ -60,6 +61,15 @@ def test_help_and_usage_errors_load_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr.strip() == "[]"
+
+
+def test_numpy_has_no_threads_that_spin() -> None:
+    """Once a command has loaded it, whatever the number of cores."""
+    code = "from crux_tools.cli import main; main(['check', 'no-such-plan.mcap'])"
+    code += "; import os, sys; assert 'numpy' in sys.modules; print(len(os.listdir('/proc/self/task')))"
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "1"
 
 
 @pytest.mark.parametrize("words", [[], ["fly"], ["climb"], ["climb", "x.mcap", "-o", "y.mcap", "--pace", "slow"]])

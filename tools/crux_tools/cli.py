@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import io
+import os
 import sys
 import traceback
 from collections.abc import Container, Sequence
@@ -157,6 +158,7 @@ def _print_any_text() -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `crux`; returns the exit status."""
     _print_any_text()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: further threads of numpy's only spin
     words = list(sys.argv[1:] if arguments is None else arguments)
     chosen = words[0] if words and words[0] in COMMANDS else ""
     as_json = "--json" in words[: words.index("--") if "--" in words else len(words)]
