@@ -227,8 +227,9 @@ class _Search:
             new = [int(node) for node in others if (k, int(node)) not in self.known_at]
             if not new:
                 continue
-            window, found = self.multipliers.window(others, range_at(self.problem, k, self.box)), True
-            for node, proposed in zip(new, self._proposed(np.array(new[:_ROUND]), window.box), strict=False):
+            box, found = range_at(self.problem, k, self.box), True
+            window = self.multipliers.window(others, box)
+            for node, proposed in zip(new, self._proposed(np.array(new[:_ROUND]), box), strict=False):
                 self.known_at.add((k, node))
                 self._value_at(k, proposed, others, window)
                 if self.limits.reached:
