@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 
 
 class Pchip:
-    """The interpolant of Fritsch and Butland (1984) through `values` (K, ...) at rising `places` (K,), K >= 2; the
+    """The interpolant of Fritsch and Butland, 1984, through `values` (K, ...) at rising `places` (K,), K >= 2; the
     outer pieces go on beyond the ends. ValueError for places that do not rise, or numbers that are not finite.
     """
 
