@@ -69,7 +69,7 @@ def test_a_grip_does_not_turn_away_under_a_moment_that_is_far_from_its_limit() -
             moment = plant.data.site_xmat[site].reshape(3, 3) @ moment_g_nm
             torque[joints] += jacobian[3:, robot.joint_dof[joints]].T @ moment
             plant.step(torque, squeeze)
-        return plant.data.geom_xpos[robot.pad_geoms[2 * limb : 2 * limb + 2]].copy()
+        return np.array(plant.data.geom_xpos[robot.pad_geoms[2 * limb : 2 * limb + 2]])
 
     moment_g_nm = np.array([0.5, 0.3, 0.3])
     bear(np.zeros(3), 1.0)
