@@ -22,6 +22,7 @@ from crux_planner.model.hands import TILTED
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
+from crux_planner.pipeline.foreseen import beyond_limits
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.refusals import eased, refused_by, slowed
 from crux_planner.pipeline.session import Session
@@ -81,13 +82,15 @@ def solve_by_joints(
             continue
         with work.part("message", 0.8):
             message = plan_message(session.scenario, session.robot, problem, schedule, solution, session.method)
+        plan = PlanReference(message)
         with work.part("check", 0.8):
-            report = check_plan(message, session.robot)
+            report = CheckReport(beyond_limits(plan, functions.reaches))
+            report = check_plan(message, session.robot) if report.ok else report
         if report.ok:
             return PlanResult.of(message, report, solution, schedule.gait, work)
         refused = _worst(report, problem.dt_s)
         work.log(f"{refused_by(report)}; once more with less of those joints or of their reach")
-        seen = partial(_moment, PlanReference(message), problem, solution.body)
+        seen = partial(_moment, plan, problem, solution.body)
         by_path = _OFF_SURFACES if problem.surfaces.names else ()
         answer, others = _answered(limits, report, seen, clear, by_path)
         if any(each.constraint == "clearance_limbs" for each in report.violations):
@@ -148,7 +151,7 @@ def _answered(
     report: CheckReport,
     seen: Callable[[float], tuple[Moment, Array]],
     clear: Clear,
-    by_path: tuple[str, ...],
+    by_path: tuple[str, ...] = (),
 ) -> tuple[JointLimits, list[Violation]]:
     """Limits under which joints and links may pass, and the violations that limits do not answer; `seen` is what there
     is at a time, and the body's pose; those of constraints `by_path` are answered by keeping the body near its path.
