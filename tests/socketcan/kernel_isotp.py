@@ -38,7 +38,7 @@ def main() -> int:
     robot = load_robot("scaler")
     joints, grippers = crux_nodes.joint_parameters(robot), crux_nodes.gripper_parameters(robot)
     urls = [f"socketcan:can{limb}" for limb in range(crux_nodes.LIMBS)]
-    still, open_, none = np.zeros(24), np.full(4, 0.03), np.zeros(4)
+    still, open_, none = np.zeros(28), np.full(4, 0.03), np.zeros(4)
     over = threading.Event()
     with crux_nodes.Nodes(built("firmware/libcrux_nodes.so"), urls, joints, grippers) as nodes:
 
