@@ -164,10 +164,10 @@ void Grips::touch_wall(const CycleView& now, PlanClock& clock, LimbController& l
     events.arrived = false;
   }
   if (!touch.busy()) return;
-  const bool touches = limb.runs_against() && limb.wrench_W().force_N.z() > now.robot.control.contact_force_N &&
-                       !now.health.force_torque_distrusted[l];
+  const bool felt =
+      limb.wrench_W().force_N.z() > now.robot.control.contact_force_N && !now.health.force_torque_distrusted[l];
   const double distance_m = (gripper_W_m - limb.anchor_W_m(reference)).norm();
-  if (touch.advance({events.opened, touches, limb.ik_error_m() > kKept_m, distance_m}, dt_s))
+  if (touch.advance({events.opened, felt, limb.runs_against(), limb.ik_error_m() > kKept_m, distance_m}, dt_s))
     limb.aim_beside(touch.beside_W_m(), reference);
   if (touch.touched()) touched_ = {l, gripper_W_m.z() - touching_m};
   events.arrived = false;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 
 #include "core/robot/geometry.hpp"
 
@@ -30,14 +31,20 @@ class WallTouch {
   /// What is seen of the gripper in a cycle.
   struct Seen {
     bool opened = false;      ///< its fingers
-    bool touches = false;     ///< force/torque sensor and joints both say so
+    bool felt = false;        ///< the wall, by its force/torque sensor
+    bool borne = false;       ///< by its joints' torques, which are small where the limb is folded
     bool kept = false;        ///< by its joints' limits from where it is to be
     double distance_m = 0.0;  ///< from there
   };
   /// Once a cycle while it is busy. True where beside_W_m() changes.
   bool advance(const Seen& seen, double dt_s) noexcept {
     time_s_ += dt_s;
-    touch_s_ = step_ == Step::kDown && seen.touches ? touch_s_ + dt_s : 0.0;
+    const bool nearer = seen.distance_m < nearest_m_ - kStill_m;
+    nearest_m_ = nearer ? seen.distance_m : nearest_m_;
+    still_s_ = nearer ? 0.0 : still_s_ + dt_s;
+    // One sensor alone may be wrong: the joints bear it as well, or they go no further.
+    const bool touches = seen.felt && (seen.borne || still_s_ >= kStill_s);
+    touch_s_ = step_ == Step::kDown && touches ? touch_s_ + dt_s : 0.0;
     const bool ends = seen.kept || time_s_ > kMost_s;
     if (step_ == Step::kOpen && (seen.opened || ends)) return enter(seen.opened ? Step::kDown : Step::kOver);
     if (step_ == Step::kDown && (touched() || ends || seen.distance_m < kReached_m)) return enter(Step::kUp);
@@ -55,18 +62,21 @@ class WallTouch {
  private:
   enum class Step : std::uint8_t { kNone, kOpen, kDown, kUp, kOver };
   static constexpr double kReached_m = 0.004;
+  static constexpr double kStill_m = 0.0005, kStill_s = 0.03;
   static constexpr double kTouch_s = 0.1;
   static constexpr double kMost_s = 3.0;  // of a step
 
   bool enter(Step step) noexcept {
     step_ = step;
-    time_s_ = 0.0;
+    time_s_ = still_s_ = 0.0;
+    nearest_m_ = std::numeric_limits<double>::infinity();
     return step_ != Step::kOver;
   }
 
   Step step_ = Step::kNone;
   double below_m_ = 0.0;
-  double time_s_ = 0.0, touch_s_ = 0.0;
+  double time_s_ = 0.0, touch_s_ = 0.0, still_s_ = 0.0;
+  double nearest_m_ = std::numeric_limits<double>::infinity();  ///< to where it is to be, in this step
 };
 
 }  // namespace crux

@@ -22,19 +22,36 @@ TEST(WallTouch, OpensGoesDownAndBackAndCountsWhatLasts) {
   EXPECT_FALSE(touch.advance({.opened = false, .distance_m = 0.0}, kDt_s));
   EXPECT_TRUE(touch.advance({.opened = true, .distance_m = 0.0}, kDt_s));
   EXPECT_DOUBLE_EQ(touch.beside_W_m().z(), -0.02 - WallTouch::kBeyond_m);
-  for (int i = 0; i < 40; ++i) EXPECT_FALSE(touch.advance({.touches = true, .distance_m = 0.02}, kDt_s));
-  EXPECT_FALSE(touch.advance({.touches = false, .distance_m = 0.02}, kDt_s));  // a jolt
+  for (int i = 0; i < 40; ++i) EXPECT_FALSE(touch.advance({.felt = true, .borne = true, .distance_m = 0.02}, kDt_s));
+  EXPECT_FALSE(touch.advance({.felt = false, .distance_m = 0.02}, kDt_s));  // a jolt
   int cycles = 1;
-  while (!touch.advance({.touches = true, .distance_m = 0.02}, kDt_s)) ++cycles;
+  while (!touch.advance({.felt = true, .borne = true, .distance_m = 0.02}, kDt_s)) ++cycles;
   EXPECT_NEAR(cycles * kDt_s, 0.1, kDt_s);
   EXPECT_TRUE(touch.touched());
   EXPECT_EQ(touch.beside_W_m().norm(), 0.0);
   EXPECT_TRUE(touch.busy());
-  EXPECT_FALSE(touch.advance({.touches = true, .distance_m = 0.02}, kDt_s));
+  EXPECT_FALSE(touch.advance({.felt = true, .borne = true, .distance_m = 0.02}, kDt_s));
   EXPECT_FALSE(touch.touched());
   touch.advance({.distance_m = 0.001}, kDt_s);
   EXPECT_TRUE(touch.begun());
   EXPECT_FALSE(touch.busy());
+}
+
+/// A folded limb bears much with little torque; a sensor that is wrong does not stop it.
+TEST(WallTouch, IsFeltByTheSensorAloneWhereTheGripperStandsStill) {
+  WallTouch touch;
+  touch.begin(0.02);
+  touch.advance({.opened = true}, kDt_s);
+  double way_m = 0.045;
+  for (; way_m > 0.025; way_m -= 1e-4) ASSERT_FALSE(touch.advance({.felt = true, .distance_m = way_m}, kDt_s));
+  int cycles = 1;
+  while (!touch.advance({.felt = true, .distance_m = way_m}, kDt_s)) ++cycles;
+  EXPECT_TRUE(touch.touched());
+  EXPECT_NEAR(cycles * kDt_s, 0.13, 0.01);
+  WallTouch unfelt;
+  unfelt.begin(0.02);
+  unfelt.advance({.opened = true}, kDt_s);
+  for (int i = 0; i < 500; ++i) ASSERT_FALSE(unfelt.advance({.distance_m = way_m}, kDt_s));
 }
 
 TEST(WallTouch, GivesUpWhereItsJointsEndOrNothingIsThere) {
