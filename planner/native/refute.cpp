@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <ctime>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -31,8 +32,14 @@ constexpr std::array<double, kBody> kSizes{1.0, 1.0, 1.0, 0.25, 0.25, 0.25};
 class Search {
  public:
   Search(const crux_refute_goal& goal, const crux_refute_grip* grips, std::size_t count, const std::uint8_t* together,
-         double clear_m, std::int64_t looks)
-      : goal_(goal), grips_(grips), count_(count), together_(together), clear_m_(clear_m), looks_(looks) {}
+         double clear_m, std::int64_t looks, double seconds)
+      : goal_(goal),
+        grips_(grips),
+        count_(count),
+        together_(together),
+        clear_m_(clear_m),
+        looks_(looks),
+        until_s_(now_s() + seconds) {}
 
   /// As `crux_refute`.
   [[nodiscard]] int answer() {
@@ -46,7 +53,7 @@ class Search {
       if (tiny(box) || holds(box)) {
         return 0;
       }
-      if (looks_ <= 0) {
+      if (looks_ <= 0 || now_s() > until_s_) {
         return -1;
       }
       halve(std::move(box), left);
@@ -55,6 +62,8 @@ class Search {
   }
 
  private:
+  static double now_s() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
+
   [[nodiscard]] Box whole() const {
     Box box;
     std::copy(std::begin(goal_.low), std::end(goal_.low), box.low.begin());
@@ -371,12 +380,13 @@ class Search {
   const std::uint8_t* together_;
   double clear_m_;
   std::int64_t looks_;
+  double until_s_;
 };
 
 }  // namespace
 }  // namespace crux
 
 int64_t crux_refute(const crux_refute_goal* goal, const crux_refute_grip* grips, int64_t count, const uint8_t* together,
-                    double clear_m, int64_t looks) {
-  return crux::Search(*goal, grips, static_cast<std::size_t>(count), together, clear_m, looks).answer();
+                    double clear_m, int64_t looks, double seconds) {
+  return crux::Search(*goal, grips, static_cast<std::size_t>(count), together, clear_m, looks, seconds).answer();
 }

@@ -29,10 +29,11 @@ typedef struct {
 
 /* 1: no pose at the goal lets each limb that has grips hold one of them, within its joint limits, links off the trunk
  * and `clear_m` off those of the others; of two limbs only pairs of grips that `together` (count by count) allows.
- * 0: there is one. -1: not shown, `looks` at limbs and pairs of them in a box of poses were not enough. */
+ * 0: there is one. -1: not shown, `looks` at limbs and pairs of them in a box of poses were not enough, or
+ * `seconds` of the process's time. */
 __attribute__((visibility("default"))) int64_t crux_refute(const crux_refute_goal* goal, const crux_refute_grip* grips,
                                                            int64_t count, const uint8_t* together, double clear_m,
-                                                           int64_t looks);
+                                                           int64_t looks, double seconds);
 
 #ifdef __cplusplus
 }

@@ -54,7 +54,15 @@ def _refute() -> Any:
     if loaded is None:
         return None
     loaded.crux_refute.restype = c_int64
-    loaded.crux_refute.argtypes = [POINTER(_Goal), POINTER(_Grip), c_int64, POINTER(c_uint8), c_double, c_int64]
+    loaded.crux_refute.argtypes = [
+        POINTER(_Goal),
+        POINTER(_Grip),
+        c_int64,
+        POINTER(c_uint8),
+        c_double,
+        c_int64,
+        c_double,
+    ]
     return loaded.crux_refute
 
 
@@ -65,13 +73,14 @@ def cannot(
     together: Flags | None = None,
     clear_m: float = 0.0,
     looks: int = LOOKS,
+    seconds: float = np.inf,
 ) -> bool | None:
     """Whether no pose at the goal lets every limb that is named in `held` hold one of its grips there, fingers either
     way round: joint limits, links in the trunk, or nearer to another limb's than `clear_m`. Of two limbs only pairs are
     asked about that `together` (n, n) allows; None: all.
 
     True is certain. False: there is such a pose, or nothing can be shown, as for limbs without a closed form and where
-    the compiled part is missing. None: `looks` were not enough.
+    the compiled part is missing. None: `looks`, or so many seconds, were not enough.
     """
     limbs = {limb: reach for limb, _ in held if isinstance(reach := reaches[limb], ArmReach)}
     if _refute() is None or any(limb not in limbs for limb, _ in held):
@@ -79,7 +88,7 @@ def cannot(
     grips = [_grip(limb, limbs[limb], grip) for limb, grip in held]
     allowed = np.ones((len(held), len(held)), dtype=bool) if together is None else np.ascontiguousarray(together)
     asked = _goal(poses), (_Grip * len(grips))(*grips), len(grips), flags(allowed)
-    return {1: True, 0: False}.get(_refute()(*asked, clear_m, looks))
+    return {1: True, 0: False}.get(_refute()(*asked, clear_m, looks, seconds))
 
 
 def _goal(poses: GoalPoses) -> _Goal:

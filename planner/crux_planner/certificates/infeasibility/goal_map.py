@@ -20,8 +20,7 @@ from crux_planner.reach.body_grid import BodyGrid
 from crux_planner.solvers import clock
 
 _PLACES, _ANGLES = (2, 4, 4), (4, 3, 3)  # boxes along z, x and y; along yaw, roll and pitch
-_MORE = 4  # times as many looks, if as many were not enough
-_LOOKS = [250_000 * _MORE**i for i in range(3)]
+_LOOKS = 4_000_000  # at all limbs at once
 _BENT = 1.1  # factor of angles of one rotation as roll, pitch and yaw, for the tilts that a goal may have
 
 
@@ -67,14 +66,8 @@ class GoalMap:
         held = [(limb, number) for limb in range(N_LIMBS) for number in np.unique(every[:, limb]).tolist()]
         on = np.array([every[:, limb] == number for limb, number in held], dtype=float)  # (grips, stances)
         grips = [(limb, self._grips[number]) for limb, number in held]
-        for looks in _LOOKS:
-            began = clock.now()
-            none = goal_boxes.cannot(poses, self._exact, grips, on @ on.T > 0.0, CLEARANCE_M, looks)
-            if none is not None:
-                return not none
-            if clock.now() + _MORE * (clock.now() - began) > deadline:
-                break
-        return True
+        left_s = deadline - clock.now()
+        return not goal_boxes.cannot(poses, self._exact, grips, on @ on.T > 0.0, CLEARANCE_M, _LOOKS, left_s)
 
     def stuck(self, stances: list[Grips]) -> list[int]:
         """The limbs that none of the stances' grips is in reach of."""
