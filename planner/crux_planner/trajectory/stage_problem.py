@@ -1,7 +1,6 @@
 """The exact P1 of one schedule as a chain of stages: bounds, rows and derivatives as arrays over all knots.
 
-Rows, low <= g <= high: the body's bounds (7), reach (9a), bounds of the columns, limit surface (2)+(3), joint torques
-and reach between knots where they are asked for; one vector in this order.
+Rows low <= g <= high, in order: body (7), reach (9a), columns, limit surface (2)+(3), torques, reach between knots.
 """
 
 from __future__ import annotations
