@@ -96,12 +96,12 @@ inline std::array<double, kBody + 2> bent(const HeldLimb<Model>& limb) {
   std::array<double, kBody + 2> most{};
   for (const auto& [start, end] : limb.links) {
     for (const Vec<Model>* point : {&start, &end}) {
+      std::array<double, kBody + 2> here{};
+      for (const Model& each : *point) {
+        each.add_bent(here);
+      }
       for (std::size_t i = 0; i < most.size(); ++i) {
-        double here = 0.0;
-        for (const Model& each : *point) {
-          here += each.bent_by(i);
-        }
-        most[i] = std::max(most[i], here);
+        most[i] = std::max(most[i], here[i]);
       }
     }
   }

@@ -104,6 +104,15 @@ struct Range {
     }
   }
 
+  [[nodiscard]] bool covers(const Range& other) const {
+    for (std::size_t i = 0; i < N; ++i) {
+      if (low[i] > other.low[i] || high[i] < other.high[i]) {
+        return false;
+      }
+    }
+    return true;
+  }
+
   /// Cuts it to where a form may not be negative. False: nowhere.
   bool cut(const Affine<N>& form, double forgiven = kForgiven) {
     const double sum = most(form) + forgiven;
@@ -157,6 +166,9 @@ struct Range {
       Range along = *this;
       if (most(forms.back()) >= -kForgiven && along.cut(forms)) {
         left.has_value() ? left->widen(along) : void(left = along);
+        if (left->covers(*this)) {
+          return true;
+        }
       }
     }
     if (left.has_value()) {

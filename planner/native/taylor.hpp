@@ -15,6 +15,8 @@
 
 namespace crux {
 
+constexpr std::size_t kLanes = 4;  ///< sums that do not wait for each other
+
 /// middle + sum of slope[i] e_i + sum of bend[i, j] e_i e_j over i <= j + something within +-rest, for e_i in -1..1.
 template <std::size_t N>
 struct Taylor {
@@ -39,15 +41,16 @@ struct Taylor {
   [[nodiscard]] double low() const { return middle - sloped() - bent() - rest; }
   [[nodiscard]] double high() const { return middle + sloped() + bent() + rest; }
 
-  /// What one variable makes of `bent`.
-  [[nodiscard]] double bent_by(std::size_t variable) const {
-    double sum = 0.0;
+  /// Adds what each variable makes of `bent`.
+  void add_bent(std::array<double, N>& to) const {
     for (std::size_t i = 0, at = 0; i < N; at += N - i, ++i) {
-      for (std::size_t j = i; j < N; ++j) {
-        sum += i == variable || j == variable ? std::abs(bend[at + j - i]) : 0.0;
+      to[i] += std::abs(bend[at]);
+      for (std::size_t j = i + 1; j < N; ++j) {
+        const double both = std::abs(bend[at + j - i]);
+        to[i] += both;
+        to[j] += both;
       }
     }
-    return sum;
   }
 
   /// As a form of more variables, of which these have `slots`: squares of variables are within 0..1.
@@ -71,11 +74,11 @@ struct Taylor {
  private:
   template <std::size_t M>
   static double sum_of_sizes(const std::array<double, M>& of) {
-    double sum = 0.0;
-    for (const double each : of) {
-      sum += std::abs(each);
+    std::array<double, kLanes> sums{};
+    for (std::size_t i = 0; i < M; ++i) {
+      sums[i % kLanes] += std::abs(of[i]);
     }
-    return sum;
+    return (sums[0] + sums[1]) + (sums[2] + sums[3]);
   }
 };
 

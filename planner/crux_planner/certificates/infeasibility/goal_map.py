@@ -5,6 +5,9 @@ The goal's tolerances are covered by boxes of poses. A stance is ruled out where
 have its gripper anywhere on the grip.
 """
 
+import itertools
+from collections.abc import Collection
+
 import numpy as np
 from crux_contracts import N_LIMBS
 from crux_contracts.robot import Robot
@@ -20,7 +23,7 @@ from crux_planner.reach.body_grid import BodyGrid
 from crux_planner.solvers import clock
 
 _PLACES, _ANGLES = (2, 4, 4), (4, 3, 3)  # boxes along z, x and y; along yaw, roll and pitch
-_LOOKS = 4_000_000  # at all limbs at once
+_FEW_LOOKS, _LOOKS = 5_000, 4_000_000  # at two limbs at once, and at those in each other's way or all
 _BENT = 1.1  # factor of angles of one rotation as roll, pitch and yaw, for the tilts that a goal may have
 
 
@@ -61,13 +64,25 @@ class GoalMap:
     def at_once(self, stances: list[Grips], poses: GoalPoses, deadline: float = np.inf) -> bool:
         """Whether a body may hold one of the stances with the links of limbs off each other; True where the time does
         not do to say.
+
+        A few looks show most pairs of limbs to be out of each other's way; those of the others are asked about first.
         """
         every = np.array(stances, dtype=int).reshape(-1, N_LIMBS)
         held = [(limb, number) for limb in range(N_LIMBS) for number in np.unique(every[:, limb]).tolist()]
         on = np.array([every[:, limb] == number for limb, number in held], dtype=float)  # (grips, stances)
-        grips = [(limb, self._grips[number]) for limb, number in held]
-        left_s = deadline - clock.now()
-        return not goal_boxes.cannot(poses, self._exact, grips, on @ on.T > 0.0, CLEARANCE_M, _LOOKS, left_s)
+        together = on @ on.T > 0.0
+
+        def cannot(limbs: Collection[int], looks: int) -> bool | None:
+            own = [i for i, (limb, _) in enumerate(held) if limb in limbs]
+            grips = [(limb, self._grips[number]) for limb, number in (held[i] for i in own)]
+            seconds = deadline - clock.now()
+            return goal_boxes.cannot(poses, self._exact, grips, together[np.ix_(own, own)], CLEARANCE_M, looks, seconds)
+
+        told = {pair: cannot(pair, _FEW_LOOKS) for pair in itertools.combinations(range(N_LIMBS), 2)}
+        near = {limb for pair, none in told.items() if none is None for limb in pair}
+        if True in told.values() or (0 < len(near) < N_LIMBS and cannot(near, _LOOKS)):
+            return False
+        return not cannot(range(N_LIMBS), _LOOKS)
 
     def stuck(self, stances: list[Grips]) -> list[int]:
         """The limbs that none of the stances' grips is in reach of."""
