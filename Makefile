@@ -75,12 +75,12 @@ test-sanitized: configure-sanitized ## the C and C++ tests under AddressSanitize
 
 # Compiled tests are kept, whatever the environment says: collecting them takes twice as long without.
 pytest = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
-# Tests that go by the clock wait more than they compute: two of them leave each other most of the machine. Of the
+# Tests that go by the clock wait more than they compute: three of them leave each other most of the machine. Of the
 # others one process more than there are cores, because many wait: for nodes, other processes, a browser.
 shared_out = -n $$(($(JOBS) + 1)) --dist loadfile --no-loadscope-reorder
 
 test-python: build can-kernel
-	$(pytest) -m alone -n 2 --dist worksteal $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)
+	$(pytest) -m alone -n 3 --dist worksteal $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)
 	$(pytest) -m "not alone and not sweep" $(shared_out)
 
 test-sweeps: build can-kernel setup-packages ## what tests show in more cases, or for longer, than `make test` has time for

@@ -89,7 +89,7 @@ def electrical(robot: Robot, turns: float) -> float:
     return turns * 2 * math.pi / robot.motor.pole_pairs / robot.motor.gear_ratio
 
 
-@pytest.mark.parametrize("stuck_A", [0.0, -2.0])
+@pytest.mark.parametrize("stuck_A", [pytest.param(0.0, marks=pytest.mark.sweep), -2.0])
 @pytest.mark.parametrize("phase", [0, 1])
 @pytest.mark.parametrize("eighth", [0, pytest.param(2, marks=pytest.mark.sweep)])
 def test_an_amplifier_that_is_stuck_never_makes_more_than_a_quarter_beyond_the_limit(

@@ -124,7 +124,7 @@ def test_a_node_in_motion_takes_no_image_and_gives_up_one_under_way(table_top: D
         table_top.command(None)
 
 
-@pytest.mark.parametrize("operation", [1, 2, 3, 200, 627, 640])
+@pytest.mark.parametrize("operation", [1, 200, 640, *(pytest.param(n, marks=pytest.mark.sweep) for n in (2, 3, 627))])
 def test_power_lost_within_an_update_leaves_the_old_firmware_and_room_for_the_new(
     table_top: Desk, robot: Robot, key: Path, operation: int
 ) -> None:
