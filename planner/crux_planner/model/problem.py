@@ -9,13 +9,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from crux_contracts.gripper_frames import yaw_and_tilt
 from crux_contracts.scenario import Uncertainty
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.hands import TILTED, UPRIGHT
-from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.limb import LimbMasses
 from crux_planner.model.schedule import Contacts, SpeedLimits, Stance
 from crux_planner.model.surfaces import Surfaces
@@ -223,28 +224,14 @@ class Problem(CentroidalProblem):
         return replace(self, goal=replace(self.goal, aim_share=_AIM_SHARE))
 
 
-def turned_problem(problem: Problem, yaw_rad: float) -> Problem:
-    """The same problem in axes turned by `yaw_rad` about W's z (cuboids stay: nothing that turns asks for them)."""
-    if yaw_rad == 0.0:
+def turned_problem(problem: Problem, rpy_rad: Array) -> Problem:
+    """The same problem with contacts and gravity in axes turned by roll, pitch and yaw (3,)."""
+    if not rpy_rad.any():
         return problem
-    to = rotation_z(-yaw_rad)
-
-    def pose(given: Pose) -> Pose:
-        return Pose(to @ given.position_m, given.rpy_rad - np.array([0.0, 0.0, yaw_rad]))
-
+    to = rotation_from_rpy(rpy_rad).T
+    turned = [yaw_and_tilt(to @ np.stack([c.axis, c.tangent, c.up], axis=1)) for c in problem.contacts]
     contacts = [
-        replace(
-            c,
-            centre_h_m=to @ c.centre_h_m,
-            yaw_rad=c.yaw_rad - yaw_rad,
-            tilt_rad=None if c.tilt_rad is None else to[:2, :2] @ c.tilt_rad,
-        )
-        for c in problem.contacts
+        replace(c, centre_h_m=to @ c.centre_h_m, yaw_rad=yaw, tilt_rad=tilt)
+        for c, (yaw, tilt) in zip(problem.contacts, turned, strict=True)
     ]
-    return replace(
-        problem,
-        gravity_h=to @ problem.gravity_h,
-        contacts=contacts,
-        start=pose(problem.start),
-        goal=replace(problem.goal, body=pose(problem.goal.body)),
-    )
+    return replace(problem, gravity_h=to @ problem.gravity_h, contacts=contacts)

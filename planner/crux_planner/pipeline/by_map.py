@@ -24,10 +24,10 @@ from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.solve_and_check import Climb, improved, others_than
 from crux_planner.reach.arm import reaches_of
 from crux_planner.search.body_path import SPEED_SHARE, path_about
-from crux_planner.search.ends import clear_start, level_aims
+from crux_planner.search.ends import aims, clear_start
 from crux_planner.search.event_cost import Timed
 from crux_planner.search.map_search import Left, MapSearch, Step
-from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about, hulls_of
+from crux_planner.search.pose_masks import LEVEL_RAD, Footing, PoseMasks, grid_about, hulls_of
 from crux_planner.search.pose_path import Ended, clear_path
 from crux_planner.search.schedule import TURN_SHARE, at_knots
 from crux_planner.search.stances import Oracles
@@ -50,7 +50,6 @@ MORE_KNOTS, MORE_IF_WEAK = 4, 1  # of a stance, and of the swing after it, where
 MOST_LANDINGS = 2  # of a limb from one stance for which motors are too weak, until it is not lifted there any more
 AIMS = 12  # goal poses tried for one at which four limbs hold
 _SAME_M = 1e-4  # between grippers at one place
-LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 
 
 @dataclass
@@ -64,16 +63,14 @@ class Tried:
 
     def search(self, climb: Climb, off_centre: bool) -> tuple[Climb, MapSearch | None]:
         """A search to the first pose within the goal's tolerances that has stances on the map, and whose climb it is;
-        None where none has any, or start or goal are tilted. `off_centre`: also with grasps off the middle.
+        None where none has any. `off_centre`: also with grasps off the middle.
         """
         if off_centre not in self.searches:
-            found = None
-            if not _tilted(climb.problem):
-                if off_centre:
-                    with climb.work.part("problem", 0.1):
-                        climb = _off_centre(climb)
-                with climb.work.part("map", 0.2):
-                    found = next((each for each in _searches(climb) if len(each.goals)), None)
+            if off_centre:
+                with climb.work.part("problem", 0.1):
+                    climb = _off_centre(climb)
+            with climb.work.part("map", 0.2):
+                found = next((each for each in _searches(climb) if len(each.goals)), None)
             self.searches[off_centre] = climb, found
         return self.searches[off_centre]
 
@@ -84,7 +81,7 @@ class Tried:
 
 
 def plan_by_map(climb: Climb, tried: Tried, quick: bool = False) -> tuple[PlanResult, Problem] | None:
-    """A checked plan and its problem; None where none is found, or start or goal are tilted. Grasps in the middle of
+    """A checked plan and its problem; None where none is found. Grasps in the middle of
     their faces come first, then also those off it.
 
     What is found out is kept in `tried`. `quick`: only with the former, and few looks at moves; none where the goal is
@@ -110,11 +107,6 @@ def plan_by_map(climb: Climb, tried: Tried, quick: bool = False) -> tuple[PlanRe
     return None
 
 
-def _tilted(problem: Problem) -> bool:
-    tilts = np.abs([problem.start.rpy_rad[:2], problem.goal.body.rpy_rad[:2]])
-    return bool(tilts.max() > LEVEL_RAD)
-
-
 def missing_at_goal(climb: Climb) -> str | None:
     """What a level body at the goal lacks by the map; None where four limbs hold, or the goal is tilted."""
     problem = climb.problem.aimed()
@@ -135,9 +127,9 @@ def _off_centre(climb: Climb) -> Climb:
 
 
 def _searches(climb: Climb) -> Iterator[MapSearch]:
-    """For the middle of the goal's tolerances, and then for other level poses in them."""
+    """For the middle of the goal's tolerances, and then for other poses in them, tilted as its middle."""
     robot, problem = climb.session.robot, climb.problem.aimed()
-    for each in itertools.chain([problem], itertools.islice(level_aims(problem, reaches_of(robot, SEARCH_RAD)), AIMS)):
+    for each in itertools.chain([problem], itertools.islice(aims(problem, reaches_of(robot, SEARCH_RAD)), AIMS)):
         grid = grid_about(each, *COARSE)
         yield MapSearch(PoseMasks(each, robot, grid, SEARCH_RAD), Footing(each, grid), climb.oracles.swings)
 
@@ -313,8 +305,7 @@ class _ByMap:
         for half_m in HALVES_M:
             path = path_about(problem, self.footing.oracle, schedule, poses, half_m)
             if path is not None:
-                clear = np.column_stack([poses[:, :3], np.zeros((len(poses), 2)), poses[:, 3]])
-                return replace(start_from_path(problem, path, poses[:, 3]), clear=clear)
+                return replace(start_from_path(problem, path, poses[:, 3:]), clear=poses)
         return None
 
 

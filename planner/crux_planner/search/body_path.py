@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from crux_planner.model.arrays import Array, Indices
-from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
 from crux_planner.model.workspace import Reach
@@ -106,8 +106,8 @@ def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedu
 def path_about(
     problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedule, poses: Array, half_m: float
 ) -> BodyPath | None:
-    """The best quasi-static path within `half_m` along x and y of poses (N + 1, 4), x, y, z and yaw; None if none."""
-    to_h = rotation_z(poses[:, 3])
+    """The best quasi-static path within `half_m` along x and y of the body of poses (N + 1, 6); None if none."""
+    to_h = rotation_from_rpy(poses[:, 3:])
     half = np.tile([half_m, half_m, 0.0], (len(poses), 1))
     half[:2], half[-1] = 0.0, problem.goal.aim_m
     along = (poses[:, None, :3] @ to_h)[:, 0]

@@ -13,7 +13,7 @@ import numpy as np
 
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.hands import UPRIGHT, hands_of, rotations
-from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Goal, Pose, Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.reach.poses import GripperPoses
@@ -26,7 +26,7 @@ _USED_SHARE, _LEFT_SHARE = 0.93, 0.06  # of the tolerances: for the aim, and aro
 _STRAYING = 1.0  # share of a limb's choice that the whole tolerance is worth
 
 
-def level_aims(problem: Problem, reaches: Sequence[Reach]) -> Iterator[Problem]:
+def aims(problem: Problem, reaches: Sequence[Reach]) -> Iterator[Problem]:
     """The problem with goal poses, turned but not tilted off the goal's, that leave every limb holds by its map: those
     first that leave most, each with contacts in reach that none before has.
     """
@@ -35,7 +35,7 @@ def level_aims(problem: Problem, reaches: Sequence[Reach]) -> Iterator[Problem]:
     share[:, 1, :2] = 0.0
     position = goal.body.position_m + _USED_SHARE * goal.tolerance_m * share[:, 0]
     rpy = goal.body.rpy_rad + _USED_SHARE * goal.tolerance_rad * share[:, 1]
-    seen = _seen(hands_of(np.array([c.pose for c in problem.contacts])), position, rpy[:, 2])
+    seen = _seen(hands_of(np.array([c.pose for c in problem.contacts])), position, rpy)
     reached = np.stack([reach.reaches(seen) for reach in reaches], axis=1) & _usable(problem, rpy[:, 2])
     worth = _worth(problem, reached, share)
     known = np.zeros(reached.shape[1:], dtype=bool)
@@ -47,15 +47,17 @@ def level_aims(problem: Problem, reaches: Sequence[Reach]) -> Iterator[Problem]:
             yield _aimed_at(problem, position[best], rpy[best])
 
 
-def _seen(hands: Array, position: Array, yaw_rad: Array) -> GripperPoses:
-    """Hands (C, 4 or 6) as level bodies (n, 3) with headings (n,) have them, (n, C)."""
+def _seen(hands: Array, position: Array, rpy_rad: Array) -> GripperPoses:
+    """Hands (C, 4 or 6) as bodies (n, 3) with roll, pitch and yaw (n, 3) have them, (n, C)."""
+    roll, pitch, yaw_rad = rpy_rad.T
     cos, sin = np.cos(yaw_rad[:, None]), np.sin(yaw_rad[:, None])
     east, north, up = np.moveaxis(hands[:, :3] - position[:, None], 2, 0)
     ahead, aside, yaw = cos * east + sin * north, cos * north - sin * east, hands[:, 3] - yaw_rad[:, None]
     if hands.shape[1] == UPRIGHT:
-        return GripperPoses(ahead, aside, up, yaw, np.zeros(1), np.zeros(1))
-    turned = rotation_z(-yaw_rad)[:, None] @ rotations(hands)
-    return GripperPoses.of(np.stack([ahead, aside, up], axis=-1), turned, yaw)
+        return GripperPoses(ahead, aside, up, yaw, roll[:, None], pitch[:, None])
+    back = np.swapaxes(rotation_from_rpy(rpy_rad), 1, 2)[:, None]
+    place = (back @ (hands[:, :3] - position[:, None])[..., None])[..., 0]
+    return GripperPoses.of(place, back @ rotations(hands), yaw)
 
 
 def _aimed_at(problem: Problem, position: Array, rpy: Array) -> Problem:

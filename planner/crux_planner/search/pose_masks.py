@@ -1,10 +1,11 @@
-"""Sets of level body poses in which limbs hold, swing and balance: what the search over stances and the path of the
+"""Sets of body poses in which limbs hold, swing and balance: what the search over stances and the path of the
 body over the knots have in common.
 """
 
 from __future__ import annotations
 
 import bisect
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -14,8 +15,8 @@ from crux_contracts.robot import Robot
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.hands import hands_of
-from crux_planner.model.kinematics import rotation_z
-from crux_planner.model.problem import Problem, turned_problem
+from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.model.problem import Pose, Problem, turned_problem
 from crux_planner.model.schedule import Contacts
 from crux_planner.model.workspace import Reach
 from crux_planner.reach import between, body_grid
@@ -32,15 +33,19 @@ _DIRECTIONS = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)  # in which the fa
 _FAR_M, _BEYOND_M = 2.0, 0.3  # off the grippers' middle, and the grid
 _LOOKS, _NEAREST = 16, 6  # at poses of a set for one that motors hold; of these the nearest to the grippers' middle
 _HULL_STEP_M = 0.01
+_SAME = 1e-9
 _NEARBY = (0.15, np.inf, np.inf, 0.05, 0.06, 0.06)  # yaw, roll, pitch [rad], z, x, y [m]
-_TURN_M = 0.3  # of way that a radian of heading counts as
+_TURN_M = 0.3  # of way that a radian counts as
+LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 
 Gripper = tuple[float, ...]
 """A hand in H, see model.hands."""
 
 
 def grid_about(problem: Problem, step_m: float, step_rad: float, pad_m: float, pad_rad: float) -> BodyGrid:
-    """Level poses around start and goal, the goal's on a node, and the start's heading, if it is a step off it."""
+    """Poses around start and goal, the goal's on a node, and the start's heading, if it is a step off it; tilts from
+    the start's to the goal's, see `tilts_of`, with both on nodes.
+    """
     start, goal = problem.start, problem.goal.body
     yaw = float(goal.rpy_rad[2])
     turn = yaw / np.ceil(abs(yaw) / step_rad) if abs(yaw) > step_rad else step_rad
@@ -52,7 +57,18 @@ def grid_about(problem: Problem, step_m: float, step_rad: float, pad_m: float, p
 
     ends = zip(goal.position_m.tolist(), start.position_m.tolist(), (pad_m, pad_m, 0.0), strict=True)
     x, y, z = (axis(to, begin, step_m, pad) for to, begin, pad in ends)
-    return BodyGrid(axis(yaw, 0.0, abs(turn), pad_rad), np.zeros(1), np.zeros(1), z, x, y)
+    rolls, pitches = tilts_of(problem).T
+    roll, pitch = (
+        np.linspace(ends.min(), ends.max(), int(np.ceil(np.ptp(ends) / step_rad - _SAME)) + 1)
+        for ends in (rolls, pitches)
+    )
+    return BodyGrid(axis(yaw, 0.0, abs(turn), pad_rad), roll, pitch, z, x, y)
+
+
+def tilts_of(problem: Problem) -> Array:
+    """(2, 2) roll and pitch of start and goal; 0 where both are all but level."""
+    tilts = np.array([problem.start.rpy_rad[:2], problem.goal.body.rpy_rad[:2]])
+    return tilts if np.abs(tilts).max() > LEVEL_RAD else np.zeros((2, 2))
 
 
 class PoseMasks:
@@ -71,12 +87,12 @@ class PoseMasks:
     @cached_property
     def goal(self) -> Flags:
         """Where the body ends."""
-        return self._near(self.problem.goal.body.position_m, float(self.problem.goal.body.rpy_rad[2]), 0)
+        return self._near(self.problem.goal.body, tilts_of(self.problem)[1], 0)
 
     @cached_property
     def start(self) -> Flags:
         """Cells about the body's first pose."""
-        return self._near(self.problem.start.position_m, 0.0, 1)
+        return self._near(self.problem.start, tilts_of(self.problem)[0], 1)
 
     @cached_property
     def _off_surfaces(self) -> Flags:
@@ -124,7 +140,7 @@ class PoseMasks:
         return np.asarray(mask & ok)
 
     def clear_near(self, pose: Array, hands: Array) -> Array | None:
-        """The nearest level pose (6,) to one from which limbs have hands (4, 4) in reach and are off each other; None
+        """The nearest pose (6,) to one from which limbs have hands (4, 4) in reach and are off each other; None
         where there is none within `_NEARBY`.
         """
         grippers, grid = [gripper(hand) for hand in hands], self.grid
@@ -135,7 +151,8 @@ class PoseMasks:
         if not len(cells):
             return None
         off = np.array([axis[i] for axis, i in zip(grid.axes, cells.T, strict=True)]).T - at
-        place, rpy = grid.pose(cells[int(np.argmin((off * [_TURN_M, 0, 0, 1, 1, 1]) ** 2 @ np.ones(6)))])
+        tilts = [_TURN_M * (len(axis) > 1) for axis in grid.axes[1:3]]
+        place, rpy = grid.pose(cells[int(np.argmin((off * [_TURN_M, *tilts, 1, 1, 1]) ** 2 @ np.ones(6)))])
         return np.concatenate([place, rpy])
 
     def apart_at_goal(self, one: tuple[int, list[int]], two: tuple[int, list[int]]) -> Flags:
@@ -163,15 +180,15 @@ class PoseMasks:
 
     def _seen_at_goal(self, contacts: list[int]) -> GripperPoses:
         """Grippers on these contacts as a body at the goal has them."""
-        body = self.problem.goal.body
-        there = BodyGrid(*(np.array([at]) for at in (body.rpy_rad[2], 0.0, 0.0, *body.position_m[[2, 0, 1]])))
+        body, tilt = self.problem.goal.body, tilts_of(self.problem)[1]
+        there = BodyGrid(*(np.array([at]) for at in (body.rpy_rad[2], *tilt, *body.position_m[[2, 0, 1]])))
         seen = [there.seen(np.array(self.at(c))).arrays for c in contacts]
         arrays = np.array([[np.ravel(each)[0] for each in poses] for poses in seen]).reshape(-1, 6).T
         return GripperPoses(*arrays)
 
-    def _near(self, place: Array, yaw: float, cells: int) -> Flags:
-        """The cell of a pose, and so many around it."""
-        pose = (yaw, 0.0, 0.0, place[2], place[0], place[1])
+    def _near(self, body: Pose, tilt: Array, cells: int) -> Flags:
+        """The cell of a pose with another tilt, and so many around it."""
+        pose = (body.rpy_rad[2], *tilt, *body.position_m[[2, 0, 1]])
         cell = [int(np.argmin(np.abs(axis - at))) for axis, at in zip(self.grid.axes, pose, strict=True)]
         found = np.zeros(self.grid.shape, dtype=bool)
         found[tuple(slice(max(0, i - cells), i + cells + 1) for i in cell)] = True
@@ -195,8 +212,8 @@ def grown(mask: Flags) -> Flags:
 
 
 def hulls_of(reaches: Sequence[LimbMap], problem: Problem, turn_rad: float) -> Reach:
-    """The convex hulls, with the inner polytope's directions, of where a level body's limbs reach contacts at headings
-    up to a turn: more than the limbs reach, for estimates.
+    """The convex hulls, with the inner polytope's directions, of where a body's limbs reach contacts at headings up to
+    a turn and tilted as at start and goal: more than the limbs reach, for estimates.
     """
     inner, yaws = problem.limb_reach.inner, np.array([c.yaw_rad for c in problem.contacts])
     low, high = problem.gripper_yaw_rad
@@ -210,8 +227,9 @@ def hulls_of(reaches: Sequence[LimbMap], problem: Problem, turn_rad: float) -> R
         x, y = (limb.shoulder_b_m[axis] + np.arange(-span, span, _HULL_STEP_M) for axis in (0, 1))
         east, north, up, yaw = np.ix_(x, y, np.unique(np.round(heights, 2)), yaws)
         reached = []
-        for turn in sorted({-turn_rad, 0.0, turn_rad}):
-            ok = reach.reaches(GripperPoses(east, north, up, yaw - turn, np.zeros(1), np.zeros(1))).any(axis=(2, 3))
+        turns, tilts = sorted({-turn_rad, 0.0, turn_rad}), np.unique(tilts_of(problem), axis=0)
+        for turn, (roll, pitch) in itertools.product(turns, tilts):
+            ok = reach.reaches(GripperPoses(east, north, up, yaw - turn, roll, pitch)).any(axis=(2, 3))
             places = np.argwhere(ok) * _HULL_STEP_M + [x[0], y[0]]
             reached.append(places @ rotation_z(turn)[:2, :2].T @ inner.directions[plan, :2].T)
         along = np.vstack(reached)
@@ -221,13 +239,15 @@ def hulls_of(reaches: Sequence[LimbMap], problem: Problem, turn_rad: float) -> R
 
 
 class Footing:
-    """Where a level body balances on some contacts, as friction has it, and whether motors hold it there."""
+    """Where a body balances on some contacts, as friction has it, about as a level one does, and whether motors hold it
+    there.
+    """
 
     def __init__(self, problem: Problem, grid: BodyGrid) -> None:
         self.problem, self.grid = problem, grid
         self.oracle = TorqueLimits(problem, problem.friction_share, problem.last_torques_Nm)
         self._sides: dict[tuple[int, ...], Array | None] = {}
-        self._turned: dict[float, TorqueLimits] = {}
+        self._turned: dict[tuple[int, ...], TorqueLimits] = {}
         self._strong: dict[tuple[object, ...], bool] = {}
         self._random = np.random.default_rng(0)
 
@@ -311,10 +331,9 @@ class Footing:
         key = held, grippers, cell
         if key not in self._strong:
             place, rpy = self.grid.pose(cell)
-            yaw = float(rpy[2])
-            if yaw not in self._turned:
-                self._turned[yaw] = self.oracle.turned(turned_problem(self.problem, yaw))
-            self._strong[key] = self._turned[yaw].hold(held, rotation_z(-yaw) @ place, grippers)
+            if cell[:3] not in self._turned:
+                self._turned[cell[:3]] = self.oracle.turned(turned_problem(self.problem, rpy))
+            self._strong[key] = self._turned[cell[:3]].hold(held, rotation_from_rpy(rpy).T @ place, grippers)
         return self._strong[key]
 
     def _polygon(self, support: tuple[int, ...]) -> Array | None:

@@ -1,4 +1,4 @@
-"""The path of the body over the knots of a schedule, by dynamic programming over level poses from which all limbs are
+"""The path of the body over the knots of a schedule, by dynamic programming over poses from which all limbs are
 in reach where they are at each knot.
 
 All costs are sums of squares along axes, so the best of all neighbours of every pose is found axis by axis.
@@ -15,7 +15,7 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Contacts, Schedule, Stance, stance_after
 from crux_planner.search.body_path import SPEED_SHARE
-from crux_planner.search.pose_masks import Footing, Gripper, PoseMasks, gripper, grown
+from crux_planner.search.pose_masks import Footing, Gripper, PoseMasks, gripper, grown, tilts_of
 from crux_planner.search.schedule import TURN_SHARE
 
 Cell = tuple[int, ...]
@@ -84,8 +84,8 @@ class Ended:
 
 
 def clear_path(problem: Problem, masks: PoseMasks, footing: Footing, schedule: Schedule) -> Array | Ended:
-    """As `pose_path`, (N + 1, 4) x, y, z and yaw, limbs off each other and motors strong enough: looked at where the
-    path comes by, until it is clear.
+    """As `pose_path`, (N + 1, 6) places and roll, pitch and yaw, limbs off each other and motors strong enough: looked
+    at where the path comes by, until it is clear.
     """
     moments = Moments.of(schedule)
     series, grippers = moments.masks(masks, footing), moments.grippers
@@ -113,9 +113,8 @@ def clear_path(problem: Problem, masks: PoseMasks, footing: Footing, schedule: S
             met = True
         if not met:
             at_knots = [cell for cell, time in zip(cells, moments.times[2:], strict=True) if time.is_integer()]
-            poses = [(*masks.grid.pose(cell)[0], masks.grid.pose(cell)[1][2]) for cell in at_knots]
-            begin = (*problem.start.position_m, 0.0)
-            return np.array([begin, begin, *poses])
+            begin = np.array([*problem.start.position_m, *tilts_of(problem)[0], 0.0])
+            return np.array([begin, begin, *(np.concatenate(masks.grid.pose(cell)) for cell in at_knots)])
     return Ended(int(moments.times[last]), by_places=False)
 
 
@@ -144,7 +143,7 @@ def pose_path(
     lengths = np.diff(range(len(series)) if times is None else times)  # in knots
     at_knot = np.append(0, np.cumsum(lengths)) % 1 == 0
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
-    fastest = np.array([TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s, 0.0, 0.0, step, step, step])
+    fastest = np.array([*[TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s] * 3, step, step, step])
     cells = np.array([axis[1] - axis[0] if len(axis) > 1 else 1.0 for axis in grid.axes])
     first = cells * np.ceil(
         (fastest + _SAME) // cells / 2
@@ -153,7 +152,9 @@ def pose_path(
     price = weights.velocity / problem.dt_s**2
     place, goal = np.ix_(*grid.axes), problem.goal.body
     off = [(place[i + 3] - goal.position_m[j]) ** 2 for i, j in ((0, 2), (1, 0), (2, 1))]
-    here = weights.orientation * (place[0] - goal.rpy_rad[2]) ** 2 + weights.position * (off[0] + off[1] + off[2])
+    (begin, end), yaw = tilts_of(problem), goal.rpy_rad[2]
+    turned = (place[0] - yaw) ** 2 + (place[1] - end[0]) ** 2 + (place[2] - end[1]) ** 2
+    here = weights.orientation * turned + weights.position * (off[0] + off[1] + off[2])
     values = [np.where(masks.goal & series[last], 0.0, np.inf)]
     for k in range(last - 1, 1, -1):
         best = values[-1]
@@ -168,7 +169,7 @@ def pose_path(
         values.append(value)
         if not np.isfinite(value).any():
             return None, k
-    at, path = (0.0, 0.0, 0.0, *problem.start.position_m[[2, 0, 1]]), list[Cell]()
+    at, path = (0.0, *begin, *problem.start.position_m[[2, 0, 1]]), list[Cell]()
     for length, most, value in zip(lengths[1:], within[1:], reversed(values), strict=True):
         near = [np.flatnonzero(np.abs(axis - p) <= m + _SAME) for axis, p, m in zip(grid.axes, at, most, strict=True)]
         if not all(len(each) for each in near):

@@ -65,23 +65,23 @@ class Start:
     clear: Array | None = None
 
 
-def start_from_path(problem: Problem, path: BodyPath, yaw_rad: Array | None = None) -> Start:
+def start_from_path(problem: Problem, path: BodyPath, rpy_rad: Array | None = None) -> Start:
     """The quasi-static path, as `start_from_positions` has it."""
     wrenches = [{limb: to_normals(w) for limb, w in knot.items()} for knot in path.wrenches]
-    return start_from_positions(problem, path.positions, wrenches, yaw_rad)
+    return start_from_positions(problem, path.positions, wrenches, rpy_rad)
 
 
 def start_from_positions(
-    problem: Problem, positions: Array, wrenches: list[dict[int, Array]], yaw_rad: Array | None = None
+    problem: Problem, positions: Array, wrenches: list[dict[int, Array]], rpy_rad: Array | None = None
 ) -> Start:
-    """A body at `positions` (N + 1, 3) that turns evenly, or with the heading as given; velocities from the steps."""
+    """A body at `positions` (N + 1, 3) that turns evenly, or as given (N + 1, 3); velocities from the steps."""
     n = problem.steps
     body = np.zeros((n + 1, BODY_STATES))
     body[:, 0:3] = positions
     body[:, 3:6] = np.linspace(problem.start.rpy_rad, problem.goal.body.rpy_rad, n + 1)
-    if yaw_rad is not None:
-        body[:, 5] = yaw_rad
-        body[:-1, 11] = np.diff(yaw_rad) / problem.dt_s
+    if rpy_rad is not None:
+        body[:, 3:6] = rpy_rad
+        body[:-1, 9:] = np.diff(rpy_rad, axis=0) / problem.dt_s
     body[:-1, 6:9] = np.diff(positions, axis=0) / problem.dt_s
     return Start(body, wrenches)
 

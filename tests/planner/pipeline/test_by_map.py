@@ -23,7 +23,7 @@ from crux_planner.pipeline.by_joints import _along_path, _answered
 from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD, _ByMap, _turned
 from crux_planner.pipeline.session import Session
 from crux_planner.reach.arm import reaches_of
-from crux_planner.search.ends import level_aims
+from crux_planner.search.ends import aims
 from crux_planner.search.map_search import MapSearch
 from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about
 from crux_planner.solvers import clock
@@ -102,7 +102,7 @@ def test_only_limbs_without_a_closed_form_keep_to_the_path_where_there_is_no_pla
 def test_a_goal_is_aimed_at_within_its_tolerances_where_its_middle_has_no_stance(robot: Robot) -> None:
     """Field 404, with grasps off the middle of their faces."""
     problem = build_problem(parse_scenario(random_field(404)), robot, off_centre=True).aimed()
-    goals = [problem, *itertools.islice(level_aims(problem, reaches_of(robot, SEARCH_RAD)), AIMS)]
+    goals = [problem, *itertools.islice(aims(problem, reaches_of(robot, SEARCH_RAD)), AIMS)]
     stances = []
     for each in goals:
         grid, goal = grid_about(each, *COARSE), problem.goal
@@ -136,6 +136,17 @@ def test_a_body_turns_where_it_stands(robot: Robot) -> None:
     result = unproven(scenario(wall), robot, time_limit_s=60.0)
     assert result.check.ok
     assert result.gait == []
+
+
+def test_a_body_tilts_from_its_start_to_its_goal(robot: Robot) -> None:
+    """No convex piece of the reach holds for all of these tilts."""
+    wall = two_rows()
+    wall["start"]["body"]["rpy_deg"], wall["goal"]["body"]["rpy_deg"] = [5.0, 0.0, 0.0], [-5.0, 4.0, 0.0]
+    result = unproven(scenario(wall), robot, time_limit_s=60.0)
+    assert result.check.ok
+    first, last = (np.degrees(result.plan.knots[k].body_rpy_rad) for k in (0, -1))
+    assert first == pytest.approx([5.0, 0.0, 0.0])
+    assert last == pytest.approx([-5.0, 4.0, 0.0], abs=3.0)
 
 
 @pytest.mark.sweep

@@ -241,18 +241,18 @@ def cheapest(masks: PoseMasks, knots: list[Flags], grid: BodyGrid) -> float:
     """Cost of the best way through the knots, cell by cell and pair by pair."""
     problem, weights, goal = masks.problem, masks.problem.weights, masks.problem.goal.body
     cells = list(itertools.product(*(range(n) for n in grid.shape)))
-    poses = np.array([[*grid.pose(cell)[0], grid.pose(cell)[1][2]] for cell in cells])
+    poses = np.array([np.concatenate(grid.pose(cell)) for cell in cells])
     way = poses[:, None] - poses[None]
     step, turn = 0.95 * problem.body.max_speed_m_s * problem.dt_s, 0.9 * problem.body.max_rate_rad_s * problem.dt_s
-    allowed = (np.abs(way[..., :3]) <= step + 1e-9).all(axis=-1) & (np.abs(way[..., 3]) <= turn + 1e-9)
+    allowed = (np.abs(way) <= np.array([step] * 3 + [turn] * 3) + 1e-9).all(axis=-1)
     moved = np.where(allowed, weights.velocity / problem.dt_s**2 * (way**2).sum(axis=-1), np.inf)
     here = weights.position * ((poses[:, :3] - goal.position_m) ** 2).sum(axis=1)
-    here += weights.orientation * (poses[:, 3] - goal.rpy_rad[2]) ** 2
+    here += weights.orientation * ((poses[:, 3:] - goal.rpy_rad) ** 2).sum(axis=1)
     value = np.where((masks.goal & knots[-1]).ravel(), 0.0, np.inf)
     for mask in knots[-2:1:-1]:
         value = np.where(mask.ravel(), here + (moved + value).min(axis=1), np.inf)
-    begun = np.abs(poses - [*problem.start.position_m, 0.0])
-    within = (begun[:, :3] <= step + 1e-9).all(axis=1) & (begun[:, 3] <= turn + 1e-9)
+    begun = np.abs(poses - [*problem.start.position_m, 0.0, 0.0, 0.0])
+    within = (begun <= np.array([step] * 3 + [turn] * 3) + 1e-9).all(axis=1)
     return float((value + weights.velocity / problem.dt_s**2 * (begun**2).sum(axis=1))[within].min())
 
 
@@ -263,7 +263,7 @@ def test_the_path_is_the_cheapest(robot: Robot, monkeypatch: pytest.MonkeyPatch,
     grid = BodyGrid(
         yaw_rad=np.array([0.0, 0.03]),
         roll_rad=np.zeros(1),
-        pitch_rad=np.zeros(1),
+        pitch_rad=np.array([-0.03, 0.0]),
         z_m=np.array([0.185]),
         x_m=np.linspace(0.0, 0.15, 9),
         y_m=np.linspace(-0.03, 0.03, 4),
@@ -391,7 +391,7 @@ def test_the_body_keeps_where_motors_hold_it() -> None:
 
     def too_weak(poses: Array) -> list[int]:
         found = []
-        for k in (k for k, knot in enumerate(schedule.contacts) if None in knot and abs(poses[k, 3]) < 1e-9):
+        for k in (k for k, knot in enumerate(schedule.contacts) if None in knot and not poses[k, 3:].any()):
             nearest = schedule.contacts[min(stood, key=lambda at: abs(at - k))]
             grippers = tuple(c for c in nearest if c is not None)
             if not weak.oracle.hold(tuple(schedule.contacts[k]), poses[k, :3], grippers):
