@@ -55,11 +55,20 @@ class BodyGrid:
         yaw, *others = np.ix_(*self.axes)
         return yaw, *others, np.cos(yaw), np.sin(yaw)
 
-    def seen(self, gripper_w: Array) -> GripperPoses:
-        """A hand (4 or 6,) in W, see model.hands, as the body has it at every cell."""
+    def _at(self, cells: Indices) -> tuple[Array, ...]:
+        """The same (n,) of cells (n,) by their numbers."""
+        at = np.unravel_index(cells, self.shape)
+        own = (axis[i] for axis, i in zip(self.axes, at, strict=True))
+        return *own, np.cos(self.yaw_rad)[at[0]], np.sin(self.yaw_rad)[at[0]]
+
+    def seen(self, gripper_w: Array, cells: Indices | None = None) -> GripperPoses:
+        """A hand (4 or 6,) in W, see model.hands, as the body has it at every cell, or at some (n,) by their numbers
+        among all.
+        """
         if len(gripper_w) > UPRIGHT and gripper_w[UPRIGHT:].any():
-            return self._seen_tilted(gripper_w)
-        yaw, roll, pitch, z, x, y, c, s = self._open_axes
+            tilted = self._seen_tilted(gripper_w)
+            return tilted if cells is None else tilted.where(cells)
+        yaw, roll, pitch, z, x, y, c, s = self._open_axes if cells is None else self._at(cells)
         east, north = gripper_w[0] - x, gripper_w[1] - y
         return GripperPoses(
             c * east + s * north, c * north - s * east, gripper_w[2] - z, gripper_w[3] - yaw, roll, pitch
@@ -129,7 +138,7 @@ class BodyGrid:
         """
         cells = np.flatnonzero(mask)
         found = np.zeros(mask.shape, dtype=bool)
-        links = {limb: reaches[limb].links(self.seen(at).where(cells)) for limb, at in grippers_w.items()}
+        links = {limb: reaches[limb].links(self.seen(at, cells)) for limb, at in grippers_w.items()}
         pairs = [pair for pair in combinations(links, 2) if not set(moving).isdisjoint(pair)]
         gaps = [between.apart(links[a], links[b], clear_m, hands) for a, b in pairs]
         found.reshape(-1)[cells] = np.logical_and.reduce(gaps)

@@ -116,7 +116,7 @@ class PoseMasks:
         if (limb, there) in self._held or 2 * np.count_nonzero(mask) > mask.size:
             return np.asarray(mask & self.held(limb, there))
         cells, found = np.flatnonzero(mask), np.zeros(mask.shape, dtype=bool)
-        found.reshape(-1)[cells] = self._reached(limb, self.grid.seen(np.array(there)).where(cells))
+        found.reshape(-1)[cells] = self._reached(limb, self.grid.seen(np.array(there), cells))
         return found
 
     def _reached(self, limb: int, seen: GripperPoses) -> Flags:

@@ -155,14 +155,16 @@ def pose_path(
     (begin, end), yaw = tilts_of(problem), goal.rpy_rad[2]
     turned = (place[0] - yaw) ** 2 + (place[1] - end[0]) ** 2 + (place[2] - end[1]) ** 2
     here = weights.orientation * turned + weights.position * (off[0] + off[1] + off[2])
-    values = [np.where(masks.goal & series[last], 0.0, np.inf)]
+    windows = [_window(each) for each in series]
+    values = [np.where(masks.goal & series[last], 0.0, np.inf)[windows[last]]]
     for k in range(last - 1, 1, -1):
-        best = values[-1]
-        for axis, nodes in enumerate(grid.axes):
-            best = _best_neighbour(best, axis, nodes, within[k, axis], price / lengths[k])
+        best, window = values[-1], windows[k]
+        for axis, (given, wanted) in enumerate(zip(windows[k + 1], window, strict=True)):
+            best = _best_neighbour(best, axis, cells[axis], within[k, axis], price / lengths[k], given, wanted)
         if at_knot[k]:
-            best = best + here + (0.0 if carried is None else carried[k])
-        value, outside = np.where(series[k], best, np.inf), ~series[k]
+            best = best + _within(here, window) + (0.0 if carried is None else _within(carried[k], window))
+        mask = series[k][window]
+        value, outside = np.where(mask, best, np.inf), ~mask
         for _ in range(_EDGE_CELLS):
             outside = grown(outside)
             value[outside] += _EDGE_COST
@@ -170,30 +172,53 @@ def pose_path(
         if not np.isfinite(value).any():
             return None, k
     at, path = (0.0, *begin, *problem.start.position_m[[2, 0, 1]]), list[Cell]()
-    for length, most, value in zip(lengths[1:], within[1:], reversed(values), strict=True):
-        near = [np.flatnonzero(np.abs(axis - p) <= m + _SAME) for axis, p, m in zip(grid.axes, at, most, strict=True)]
+    for length, most, value, window in zip(lengths[1:], within[1:], reversed(values), windows[2:], strict=True):
+        axes = [axis[part] for axis, part in zip(grid.axes, window, strict=True)]
+        near = [np.flatnonzero(np.abs(axis - p) <= m + _SAME) for axis, p, m in zip(axes, at, most, strict=True)]
         if not all(len(each) for each in near):
             return None, 1
-        ways = np.ix_(*[price / length * (axis[i] - p) ** 2 for axis, i, p in zip(grid.axes, near, at, strict=True)])
+        ways = np.ix_(*[price / length * (axis[i] - p) ** 2 for axis, i, p in zip(axes, near, at, strict=True)])
         local = value[np.ix_(*near)] + sum(ways)
         if not np.isfinite(local).any():
             return None, 1
         found = np.unravel_index(int(np.argmin(local)), local.shape)
-        path.append(tuple(int(each[i]) for each, i in zip(near, found, strict=True)))
+        path.append(tuple(int(part.start + n[i]) for part, n, i in zip(window, near, found, strict=True)))
         at = tuple(float(axis[i]) for axis, i in zip(grid.axes, path[-1], strict=True))
     return path, last
 
 
-def _best_neighbour(value: Array, axis: int, nodes: Array, most: float, price: float) -> Array:
-    """The least of each cell's neighbours along an axis, up to `most` off, `price` times the square of their distance
-    added.
+def _window(mask: Flags) -> tuple[slice, ...]:
+    """The part of a grid that holds all of a mask, and what is near its edge: a whole grid is large for one knot."""
+    cells = np.unravel_index(np.flatnonzero(mask), mask.shape)
+    ends = ((int(at.min()), int(at.max())) if len(at) else (0, 0) for at in cells)
+    return tuple(
+        slice(max(low - _EDGE_CELLS, 0), min(high + _EDGE_CELLS + 1, count))
+        for (low, high), count in zip(ends, mask.shape, strict=True)
+    )
+
+
+def _within(cost: Array | float, window: tuple[slice, ...]) -> Array | float:
+    """The part of a cost that broadcasts to the grid's shape."""
+    shape = np.shape(cost)
+    kept = (part if count > 1 else slice(None) for part, count in zip(window[-len(shape) :], shape, strict=False))
+    return np.asarray(cost)[tuple(kept)] if shape else cost
+
+
+def _best_neighbour(
+    value: Array, axis: int, gap: float, most: float, price: float, given: slice, wanted: slice
+) -> Array:
+    """The least of the wanted cells' neighbours along an axis among those that are given, up to `most` off, `price`
+    times the square of their distance added.
     """
-    if len(nodes) == 1:
-        return value
-    out, gap = value.copy(), float(nodes[1] - nodes[0])
-    for away in range(1, int(np.floor((most + _SAME) / gap)) + 1):
-        near, far = ([slice(None)] * value.ndim for _ in range(2))
-        near[axis], far[axis] = slice(None, -away), slice(away, None)
-        for to, of in ((tuple(near), tuple(far)), (tuple(far), tuple(near))):
-            np.minimum(out[to], value[of] + price * (away * gap) ** 2, out=out[to])
+    shape = [*value.shape]
+    shape[axis] = wanted.stop - wanted.start
+    out, far = np.full(shape, np.inf), int(np.floor((most + _SAME) / gap))
+    to, of = ([slice(None)] * value.ndim for _ in range(2))
+    for away in range(-far, far + 1):
+        low, high = max(wanted.start, given.start - away), min(wanted.stop, given.stop - away)
+        if low < high:
+            to[axis] = slice(low - wanted.start, high - wanted.start)
+            of[axis] = slice(low + away - given.start, high + away - given.start)
+            reached = out[tuple(to)]
+            np.minimum(reached, value[tuple(of)] + price * (away * gap) ** 2, out=reached)
     return out

@@ -53,6 +53,13 @@ def test_masks_are_what_inverse_kinematics_allows(robot: Robot, grid: BodyGrid, 
     np.testing.assert_array_equal(mask[tuple(np.array(cells).T)], expected)
 
 
+@pytest.mark.parametrize("hand", [[0.05, -0.02, 0.035, 0.3], [0.05, -0.02, 0.035, 0.3, 0.2, -0.1]])
+def test_some_cells_see_a_gripper_as_all_do(grid: BodyGrid, hand: list[float]) -> None:
+    cells, gripper = np.arange(3, np.prod(grid.shape), 97), np.array(hand)
+    for one, other in zip(grid.seen(gripper, cells).arrays, grid.seen(gripper).arrays, strict=True):
+        np.testing.assert_array_equal(one, np.broadcast_to(other, grid.shape).reshape(-1)[cells])
+
+
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=20)
 def test_boxes_have_the_poses_of_their_cells(grid: BodyGrid, seed: int) -> None:
