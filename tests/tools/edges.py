@@ -52,7 +52,7 @@ def over_a_ledge() -> dict[str, Any]:
     ledge = {"pose": {"position_m": [0.41, 0.0, top_m]}, "size_m": [0.38, 0.2], "depth_m": top_m}
     scene["surfaces"].append({"name": "ledge", "rectangle": ledge})
     scene["start"], scene["goal"] = scene["goal"], scene["start"]
-    scene["start"]["body"]["position_m"], scene["goal"]["body"]["position_m"] = [0.14, 0.0, 0.2], [0.0, 0.0, 0.17]
+    scene["start"]["body"]["position_m"], scene["goal"]["body"]["position_m"] = [0.14, 0.0, 0.2], [0.0, 0.0, 0.16]
     return scene
 
 

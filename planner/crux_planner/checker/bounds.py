@@ -12,8 +12,9 @@ from crux_planner.checker.report import Findings
 def check_bounds(
     plan: PlanArrays, robot: Robot, point_model: bool, paced: bool, findings: Findings, *, endless: bool = True
 ) -> None:
-    """Body height, tilt, speed and rate at the knots; opening, yaw against the body, height and mean speed of grippers
-    over every interval, heights of grippers where the wall is `endless`.
+    """Body speed and rate at the knots; opening, yaw against the body and mean speed of grippers over every interval;
+    heights of body and grippers and the body's tilt, which count from the plane z = 0 of W, where the wall is
+    `endless`.
 
     Speeds are bounded component by component: along, across and off the wall with respect to the heading of the first
     pose, so that turning a whole scene about W's z changes nothing; rates about the body's own axes. A plan that is
@@ -30,11 +31,12 @@ def check_bounds(
         body_speed, body_rate, yaw_range = robot.body.max_speed_m_s, robot.body.max_rate_rad_s, grasp.gripper_yaw_rad
         limb_speed, yaw_rate = grasp.approach_speed_m_s, grasp.yaw_rate_rad_s
     times, between = plan.time_s, plan.time_s[:-1]
-    low, high = robot.body.height_m
-    height = plan.body_position[:, 2]
-    findings.add_series("body_height", np.maximum(low - height, height - high), times, "m")
-    tilt = np.abs(plan.body_rpy[:, :2]).max(axis=1)
-    findings.add_series("body_tilt", tilt - robot.body.max_tilt_rad, times, "rad")
+    if endless:
+        low, high = robot.body.height_m
+        height = plan.body_position[:, 2]
+        findings.add_series("body_height", np.maximum(low - height, height - high), times, "m")
+        tilt = np.abs(plan.body_rpy[:, :2]).max(axis=1)
+        findings.add_series("body_tilt", tilt - robot.body.max_tilt_rad, times, "rad")
     heading = rotation_about_z(plan.body_rpy[0, 2])
     speed = np.abs(plan.body_velocity @ heading).max(axis=1)
     findings.add_series("body_speed", speed - body_speed, times, "m/s")

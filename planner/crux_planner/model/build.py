@@ -48,6 +48,7 @@ MOST_FRICTION = 0.929  # share of (2) that a disc under even pressure bears what
 EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face's edge
 TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
 LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has the last word
+STEEPEST_RAD = 1.4  # roll and pitch of a body beside bounded surfaces alone: pitch and yaw turn alike at a right angle
 ROUNDING_RAD = 1e-9  # of the yaw of a gripper at the edge of its range
 
 
@@ -63,7 +64,8 @@ def build_problem(
     _is_about_climbs(scenario, robot)
     _fits_one_plan(scenario)
     bounds, margins = robot.body, scenario.planner.margins
-    body = BodyBounds(bounds.height_m, bounds.max_tilt_rad, bounds.max_speed_m_s, bounds.max_rate_rad_s)
+    ranges = (bounds.height_m, bounds.max_tilt_rad) if scenario.wall.endless else ((-np.inf, np.inf), STEEPEST_RAD)
+    body = BodyBounds(*ranges, bounds.max_speed_m_s, bounds.max_rate_rad_s, bounds.height_m[0])
     heading, start, goal = body_and_ends(scenario, body)
     effort = np.stack([limb.effort_Nm for limb in robot.limbs])
     tilt_rad = tilt_for([start.rpy_rad, goal.rpy_rad], bounds.max_tilt_rad)

@@ -42,7 +42,7 @@ class SwingLimits:
     yaw_rate_rad_s: float
     clearance_m: float  # of the middle of a finger to cuboids
     body_clearance_m: float  # of palms and fingers among grippers and beside tall cuboids
-    max_height_m: float  # of a pad above W's z = 0, where this is a surface; else above the lower hold's foot
+    max_height_m: float  # of a pad above W's z = 0, where this is a surface; else above the upper hold's foot
     endless: bool = True  # whether z = 0 is a surface
     floor_m: float = 0.0  # of the plane z = 0
     slabs: Cuboids = NO_CUBOIDS  # behind bounded surfaces: the way is over these, too
@@ -54,8 +54,8 @@ class SwingLimits:
 
     def over(self, feet_m: Array) -> SwingLimits:
         """Those of a swing between holds whose feet are at heights (n,)."""
-        lowest_m = float(feet_m.min()) if len(feet_m) else 0.0
-        return replace(self, max_height_m=self.max_height_m + lowest_m, floor_m=-np.inf)
+        highest_m = float(feet_m.max()) if len(feet_m) else 0.0
+        return replace(self, max_height_m=self.max_height_m + highest_m, floor_m=-np.inf)
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ class BodyBounds:
     max_tilt_rad: float
     max_speed_m_s: float
     max_rate_rad_s: float
+    lowest_m: float  # off the plane that level limbs hold
 
     @property
     def fastest_yaw_rad_s(self) -> float:
@@ -170,6 +171,14 @@ class Problem(CentroidalProblem):
         return self.cuboids.upright and not self.leans and not self.surfaces.names
 
     @cached_property
+    def follows(self) -> bool:
+        """Whether start or goal tilt farther than limbs in `boxes` allow, along bounded surfaces alone: the body is
+        then to follow these.
+        """
+        tilts = np.array([self.start.rpy_rad[:2], self.goal.body.rpy_rad[:2]])
+        return not self.surfaces.endless and bool(np.abs(tilts).max() > self.boxes.max_tilt_rad)
+
+    @cached_property
     def hand_numbers(self) -> int:
         """Of a hand, see model.hands."""
         return UPRIGHT if all(contact.tilt_rad is None for contact in self.contacts) else TILTED
@@ -183,7 +192,7 @@ class Problem(CentroidalProblem):
     def gripper_height_m(self) -> tuple[float, float]:
         """Bounds of grippers that grip or swing, off the body's origin along W's z."""
         least, most = self.limb_reach.grip_height_m
-        return least, max(most, self.swing.max_height_m - self.body.height_m[0])
+        return least, max(most, self.swing.max_height_m - self.body.lowest_m)
 
     def may_move(self, stance: Stance) -> list[int]:
         """The limbs that may go on from a stance: those in the air first, while any is."""

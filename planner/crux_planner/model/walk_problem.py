@@ -114,7 +114,8 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
     if not robot.closed_form:
         raise wrong(scenario, "robot", robot.name, "expected limbs with closed-form kinematics: only they walk")
     walking = robot.walking
-    body = BodyBounds(robot.body.height_m, robot.body.max_tilt_rad, walking.max_speed_m_s, walking.max_rate_rad_s)
+    height_m, tilt_rad = robot.body.height_m, robot.body.max_tilt_rad
+    body = BodyBounds(height_m, tilt_rad, walking.max_speed_m_s, walking.max_rate_rad_s, height_m[0])
     heading, start, goal = body_and_ends(scenario, body)
     turn = abs(float(goal.rpy_rad[2]))
     if turn > walking.foot_yaw_rad[1]:

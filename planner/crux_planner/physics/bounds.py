@@ -19,11 +19,14 @@ _SHARE = 0.999  # of speeds and tilt: space for the solver's tolerance
 _GOAL_SHARE = 0.3  # of what the goal allows that the last pose of a walk may use up: the rest is the robot's
 
 
-def body_bounds(problem: Problem, schedule: Schedule | None) -> tuple[Array, Array]:
-    """Lower and upper bounds (N + 1, 12) of r, theta, dr/dt, omega; without a schedule, of any gripper yaws."""
+def body_bounds(problem: Problem, schedule: Schedule | None, tilt_rad: float | None = None) -> tuple[Array, Array]:
+    """Lower and upper bounds (N + 1, 12) of r, theta, dr/dt, omega; without a schedule, of any gripper yaws. The body
+    tilts as far as its reach in `boxes` holds, or so far.
+    """
     yaws, limits = (None, {}) if schedule is None else (schedule.poses[..., 3], problem.speed_limits)
     near = np.array([problem.goal.aim_m] * 3 + [problem.goal.aim_rad] * 3)
-    low, high = _state_bounds(problem, yaws, problem.gripper_yaw_rad, near)
+    tilt_rad = problem.boxes.max_tilt_rad if tilt_rad is None else tilt_rad
+    low, high = _state_bounds(problem, yaws, problem.gripper_yaw_rad, near, tilt_rad)
     if schedule is not None and limits:
         slow = speeds(limits, schedule.contacts, _SHARE * problem.body.max_speed_m_s)[1:-1, None]
         low[1:-1, 6:9], high[1:-1, 6:9] = -slow, slow
@@ -33,7 +36,8 @@ def body_bounds(problem: Problem, schedule: Schedule | None) -> tuple[Array, Arr
 def walk_bounds(problem: WalkProblem, gait: Gait | None) -> tuple[Array, Array]:
     """The same of a walk; without a gait, of any."""
     yaws = None if gait is None else gait.yaw(float(problem.goal.body.rpy_rad[2]))
-    return _state_bounds(problem, yaws, problem.foot_yaw_rad, _GOAL_SHARE * _goal_slack(problem))
+    near = _GOAL_SHARE * _goal_slack(problem)
+    return _state_bounds(problem, yaws, problem.foot_yaw_rad, near, problem.boxes.max_tilt_rad)
 
 
 def _goal_slack(problem: CentroidalProblem) -> Array:
@@ -41,11 +45,11 @@ def _goal_slack(problem: CentroidalProblem) -> Array:
 
 
 def _state_bounds(
-    problem: CentroidalProblem, yaws: Array | None, relative: tuple[float, float], near: Array
+    problem: CentroidalProblem, yaws: Array | None, relative: tuple[float, float], near: Array, tilt_rad: float
 ) -> tuple[Array, Array]:
     """For limbs at `yaws` (N + 1, 4), each within a range of the body's, and a last pose `near` (6,) the goal."""
     body, n = problem.body, problem.steps
-    speed, rate, tilt = _SHARE * body.max_speed_m_s, _SHARE * body.max_rate_rad_s, _SHARE * problem.boxes.max_tilt_rad
+    speed, rate, tilt = _SHARE * body.max_speed_m_s, _SHARE * body.max_rate_rad_s, _SHARE * tilt_rad
     high = np.tile([np.inf, np.inf, body.height_m[1], tilt, tilt, np.inf, *[speed] * 3, *[rate] * 3], (n + 1, 1))
     low = -high
     low[:, 2] = body.height_m[0]

@@ -163,7 +163,7 @@ def _answered(
         if beside and each.constraint not in _ANSWERED:
             continue  # of a posture that is none: to be seen where the limb reaches
         if each.time_s is not None and each.constraint in by_path:
-            if not _kept_nearer(near_m, seen(each.time_s)[0].interval):
+            if not _kept_nearer(near_m, limits.near_m, seen(each.time_s)[0].interval):
                 others.append(each)
             continue
         if each.time_s is None or each.constraint not in _ANSWERED:
@@ -181,18 +181,19 @@ def _answered(
             moments[number : number + 1] = [here]
             continue
         far = each.constraint == "clearance_limbs" and known.apart_m >= _MOST_APART_M
-        if far and not _kept_nearer(near_m, here.interval):
+        if far and not _kept_nearer(near_m, limits.near_m, here.interval):
             others.append(each)
         moments[number] = _farther(known, here, each)
     return replace(limits, moments=tuple(moments), near_m=near_m), others
 
 
-def _kept_nearer(near_m: Array, interval: int) -> bool:
-    """Whether the body can be kept nearer to its first path about an interval; then it is, in `near_m`."""
+def _kept_nearer(near_m: Array, before_m: Array, interval: int) -> bool:
+    """Whether the body can be kept nearer to its first path about an interval than it was; then it is, in `near_m`."""
     about = slice(max(0, interval - 2), interval + 4)
-    if (near_m[about] < _NEAR_M).all():
+    if (before_m[about] < _NEAR_M).all():
         return False
-    near_m[about] = np.where(np.isfinite(near_m[about]), _NEAR_M / 4, _NEAR_M)
+    nearer = np.where(np.isfinite(before_m[about]), _NEAR_M / 4, _NEAR_M)
+    near_m[about] = np.minimum(near_m[about], nearer)
     return True
 
 

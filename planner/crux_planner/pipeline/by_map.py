@@ -27,7 +27,7 @@ from crux_planner.search.body_path import SPEED_SHARE, path_about
 from crux_planner.search.ends import aims, clear_start
 from crux_planner.search.event_cost import Timed
 from crux_planner.search.map_search import Left, MapSearch, Step
-from crux_planner.search.pose_masks import LEVEL_RAD, Footing, PoseMasks, grid_about, hulls_of
+from crux_planner.search.pose_masks import LEVEL_RAD, Footing, PoseMasks, grid_about, hulls_of, tilts_of
 from crux_planner.search.pose_path import Ended, clear_path
 from crux_planner.search.schedule import TURN_SHARE, at_knots
 from crux_planner.search.stances import Oracles
@@ -38,8 +38,10 @@ from crux_planner.trajectory.joint_rows import JointFunctions
 from crux_planner.trajectory.link_planes import OFF_M
 from crux_planner.trajectory.solution import Start, start_from_path
 
+Steps = tuple[float, float, float, float]
 COARSE = (0.02, 0.07, 0.22, 0.21)  # grid of the search: steps [m, rad], and how far it goes around start and goal
 FINE = (0.01, 0.035, 0.22, 0.21)  # of the body's path
+BESIDE = ((0.03, 0.07, 0.16, 0.0), (0.02, 0.035, 0.16, 0.0))  # both where the body follows surfaces, heights too
 SEARCH_RAD, PATH_RAD = 0.04, 0.03  # margins to joint limits
 LOOKS, WAYS = 3000, 8  # at moves for one way of stances, and ways
 QUICK, NEAR_KNOTS = (100, 2), 80  # the same, and knots to a goal that is not far
@@ -117,6 +119,10 @@ def missing_at_goal(climb: Climb) -> str | None:
     return None if len(search.goals) else f"{search.missing_at_goal()}, for a level body at the goal {place}"
 
 
+def _grids(problem: Problem) -> tuple[Steps, Steps]:
+    return BESIDE if problem.follows else (COARSE, FINE)
+
+
 def _off_centre(climb: Climb) -> Climb:
     session = climb.session
     wider = build_problem(session.scenario, session.robot, off_centre=True, reach=climb.problem.limb_reach)
@@ -130,7 +136,7 @@ def _searches(climb: Climb) -> Iterator[MapSearch]:
     """For the middle of the goal's tolerances, and then for other poses in them, tilted as its middle."""
     robot, problem = climb.session.robot, climb.problem.aimed()
     for each in itertools.chain([problem], itertools.islice(aims(problem, reaches_of(robot, SEARCH_RAD)), AIMS)):
-        grid = grid_about(each, *COARSE)
+        grid = grid_about(each, *_grids(each)[0])
         yield MapSearch(PoseMasks(each, robot, grid, SEARCH_RAD), Footing(each, grid), climb.oracles.swings)
 
 
@@ -139,7 +145,7 @@ def _planned(climb: Climb, search: MapSearch, without: set[Left], quick: bool) -
     it goes `without`.
     """
     problem, session = search.problem, climb.session
-    knot_m, (step_m, *others) = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s, FINE
+    knot_m, (step_m, *others) = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s, _grids(problem)[1]
     grid = grid_about(problem, knot_m / np.ceil(knot_m / step_m), *others)  # so that the body may be as fast as it may
     fine = PoseMasks(problem, session.robot, grid, PATH_RAD, OFF_M)
     planner = _ByMap(climb, search, fine)
@@ -231,7 +237,7 @@ class _ByMap:
         """A checked plan of the moves or cheaper ones near them, the body in the convex hulls of the limbs' reach as
         the estimates have it; None where the map has no path for any of these.
         """
-        if not moves:
+        if not moves or (np.ptp(tilts_of(self.problem), axis=0) > self.problem.boxes.max_tilt_rad).any():
             return None
         turns = 0.0, max(COARSE[3], abs(float(self.problem.goal.body.rpy_rad[2])))
         hulls = (self._by_hulls(turn_rad) for turn_rad in turns)

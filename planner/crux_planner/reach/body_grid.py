@@ -49,6 +49,13 @@ class BodyGrid:
         yaw, roll, pitch, z, x, y = (axis[i] for axis, i in zip(self.axes, cell, strict=True))
         return np.array([x, y, z]), np.array([roll, pitch, yaw])
 
+    def poses(self, cells: Indices) -> Array:
+        """(n, 6) places [m] and roll, pitch and yaw of cells (n,) of a mask that is flattened."""
+        yaw, roll, pitch, z, x, y = (
+            axis[i] for axis, i in zip(self.axes, np.unravel_index(cells, self.shape), strict=True)
+        )
+        return np.column_stack([x, y, z, roll, pitch, yaw])
+
     @cached_property
     def _open_axes(self) -> tuple[Array, ...]:
         """All axes as arrays that broadcast to a mask's shape; then cosine and sine of the yaws."""

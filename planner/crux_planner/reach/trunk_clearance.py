@@ -1,4 +1,4 @@
-"""The robot's trunk against the solids behind bounded surfaces."""
+"""The robot's trunk and links against the solids behind bounded surfaces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.reach.body_grid import BodyGrid
-from crux_planner.reach.solids import Box
+from crux_planner.reach.solids import Box, Links, apart, gap_m
 
 _PARALLEL = 1e-6  # sine of the angle between two edges
 
@@ -33,6 +33,21 @@ def off_slabs(grid: BodyGrid, trunk: Sequence[Box], slabs: Cuboids, clear_m: flo
             middle = slabs.foot_m[slab] + own[:, 2] * slabs.half_m[slab, 2]
             gaps = np.abs((places + to_h @ box.centre_m - middle) @ axes.T) - sizes
             clear[cell] &= gaps.max(axis=-1) >= clear_m
+    return clear
+
+
+def links_off_slabs(poses: Array, links: Links, slabs: Cuboids, clear_m: float) -> Flags:
+    """(n,) whether all links of a limb but its gripper's are so far off every slab, for body poses (n, 6)."""
+    clear, to_h = np.ones(len(poses), dtype=bool), rotation_from_rpy(poses[:, 3:])
+    middles = slabs.foot_m + slabs.rotation[:, :, 2] * slabs.half_m[:, 2:]
+    boxes = [Box(*each) for each in zip(middles, slabs.rotation, slabs.half_m, strict=True)]
+    for index in np.flatnonzero(~links.hand):
+        ends = (links.start_m[:, index], links.end_m[:, index])
+        start, end = (poses[:, :3] + (to_h @ each[..., None])[..., 0] for each in ends)
+        need = np.full(len(poses), links.radius_m[index] + clear_m)
+        for box in boxes:
+            some = np.flatnonzero(clear & ~apart(box, start, end, need))
+            clear[some] = gap_m((box,), start[some], end[some]) >= need[some]
     return clear
 
 

@@ -25,17 +25,19 @@ from crux_planner.reach.body_grid import BodyGrid
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.protocol import Reach as LimbMap
 from crux_planner.reach.solids import Links
-from crux_planner.reach.trunk_clearance import off_slabs
+from crux_planner.reach.trunk_clearance import links_off_slabs, off_slabs
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.hull import sides_of
 
 _DIRECTIONS = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)  # in which the farthest places in balance are looked for
 _FAR_M, _BEYOND_M = 2.0, 0.3  # off the grippers' middle, and the grid
 _LOOKS, _NEAREST = 16, 6  # at poses of a set for one that motors hold; of these the nearest to the grippers' middle
+_HEIGHTS = 3  # of a grid that share what balances at the highest of them
 _HULL_STEP_M = 0.01
 _SAME = 1e-9
 _NEARBY = (0.15, np.inf, np.inf, 0.05, 0.06, 0.06)  # yaw, roll, pitch [rad], z, x, y [m]
 _TURN_M = 0.3  # of way that a radian counts as
+LEANING_RAD = 0.28  # beyond tilts of start and goal where grasps lean farther
 LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for them
 
 Gripper = tuple[float, ...]
@@ -44,7 +46,8 @@ Gripper = tuple[float, ...]
 
 def grid_about(problem: Problem, step_m: float, step_rad: float, pad_m: float, pad_rad: float) -> BodyGrid:
     """Poses around start and goal, the goal's on a node, and the start's heading, if it is a step off it; tilts from
-    the start's to the goal's, see `tilts_of`, with both on nodes.
+    the start's to the goal's, see `tilts_of`, with both on nodes. Where the body `follows` surfaces, heights go around
+    those of start and goal by half of `pad_m`, and tilts beyond as far as those of grasps, by `LEANING_RAD` at most.
     """
     start, goal = problem.start, problem.goal.body
     yaw = float(goal.rpy_rad[2])
@@ -55,14 +58,26 @@ def grid_about(problem: Problem, step_m: float, step_rad: float, pad_m: float, p
         first, last = int(np.floor((low - through) / step)), int(np.ceil((high - through) / step))
         return np.asarray(through + step * np.arange(first, last + 1), dtype=np.float64)
 
-    ends = zip(goal.position_m.tolist(), start.position_m.tolist(), (pad_m, pad_m, 0.0), strict=True)
+    pads_m = pad_m, pad_m, pad_m / 2 if problem.follows else 0.0
+    ends = zip(goal.position_m.tolist(), start.position_m.tolist(), pads_m, strict=True)
     x, y, z = (axis(to, begin, step_m, pad) for to, begin, pad in ends)
-    rolls, pitches = tilts_of(problem).T
-    roll, pitch = (
-        np.linspace(ends.min(), ends.max(), int(np.ceil(np.ptp(ends) / step_rad - _SAME)) + 1)
-        for ends in (rolls, pitches)
-    )
+    roll, pitch = _tilts(problem, step_rad)
     return BodyGrid(axis(yaw, 0.0, abs(turn), pad_rad), roll, pitch, z, x, y)
+
+
+def _tilts(problem: Problem, step_rad: float) -> list[Array]:
+    """Rolls and pitches of a grid."""
+    ends, axes, ups = tilts_of(problem), list[Array](), np.array([contact.up for contact in problem.contacts])
+    along = np.column_stack([np.arcsin(np.clip(-ups[:, 1], -1.0, 1.0)), np.arctan2(ups[:, 0], ups[:, 2])])
+    most_rad = LEANING_RAD if problem.follows else 0.0
+    for least, most, grasps in zip(ends.min(axis=0), ends.max(axis=0), along.T, strict=True):
+        count = int(np.ceil((most - least) / step_rad - _SAME))
+        step = (most - least) / count if count else step_rad
+        below, above = (
+            int(np.clip(off, 0.0, most_rad) / step + _SAME) for off in (least - grasps.min(), grasps.max() - most)
+        )
+        axes.append(least + step * np.arange(-below, count + above + 1))
+    return axes
 
 
 def tilts_of(problem: Problem) -> Array:
@@ -104,19 +119,31 @@ class PoseMasks:
         return gripper(self.problem.contacts[contact].pose)
 
     def held(self, limb: int, there: Gripper) -> Flags:
-        """From where a limb has its gripper there, links off the trunk, and that off surfaces."""
+        """From where a limb has its gripper there, links off the trunk, and both off bounded surfaces."""
         key = limb, there
         if key not in self._held:
             mask = np.broadcast_to(self._reached(limb, self.grid.seen(np.array(there))), self.grid.shape)
-            self._held[key] = mask & self._off_surfaces if self.problem.surfaces.names else mask
+            if self.problem.surfaces.names:
+                mask = mask & self._off_surfaces
+                cells = np.flatnonzero(mask)
+                mask.reshape(-1)[cells] = self._links_off(limb, there, cells)
+            self._held[key] = mask
         return self._held[key]
+
+    def _links_off(self, limb: int, there: Gripper, cells: Indices) -> Flags:
+        """(n,) cells at which a limb keeps off bounded surfaces."""
+        links, slabs = self.reaches[limb].links(self.grid.seen(np.array(there), cells)), self.problem.surfaces.slabs
+        return links_off_slabs(self.grid.poses(cells), links, slabs, self.clear_m)
 
     def held_within(self, mask: Flags, limb: int, there: Gripper) -> Flags:
         """The part of a mask from which a limb has its gripper there: on its way, where others leave few poses."""
         if (limb, there) in self._held or 2 * np.count_nonzero(mask) > mask.size:
             return np.asarray(mask & self.held(limb, there))
         cells, found = np.flatnonzero(mask), np.zeros(mask.shape, dtype=bool)
-        found.reshape(-1)[cells] = self._reached(limb, self.grid.seen(np.array(there), cells))
+        cells = cells[self._reached(limb, self.grid.seen(np.array(there), cells))]
+        if self.problem.surfaces.names:
+            cells = cells[self._links_off(limb, there, cells)]
+        found.reshape(-1)[cells] = True
         return found
 
     def _reached(self, limb: int, seen: GripperPoses) -> Flags:
@@ -246,27 +273,30 @@ class Footing:
     def __init__(self, problem: Problem, grid: BodyGrid) -> None:
         self.problem, self.grid = problem, grid
         self.oracle = TorqueLimits(problem, problem.friction_share, problem.last_torques_Nm)
-        self._sides: dict[tuple[int, ...], Array | None] = {}
+        self._sides: dict[tuple[tuple[int, ...], float], Array | None] = {}
         self._turned: dict[tuple[int, ...], TorqueLimits] = {}
         self._strong: dict[tuple[object, ...], bool] = {}
         self._random = np.random.default_rng(0)
 
     def stands(self, held: Contacts, grippers_m: Array) -> Flags | None:
-        """A mask that broadcasts to the grid's: inside the polygon of the farthest places along some directions, the
-        body's heading left out; `grippers_m` (3,) is the mean place of all grippers. None if there is no place.
+        """A mask that broadcasts to the grid's: inside the polygons of the farthest places along some directions, each
+        at the highest of some heights, the body's heading and tilt left out; `grippers_m` (3,) is the mean place of all
+        grippers. None if there is no place.
         """
-        support = tuple(sorted(c for c in held if c is not None))
-        if support not in self._sides:
-            self._sides[support] = self._polygon(support)
-        sides = self._sides[support]
-        if sides is None:
-            return None
+        support, grid = tuple(sorted(c for c in held if c is not None)), self.grid
         moved, _ = self.oracle.centre(grippers_m)
         carried = (np.eye(3) - moved) @ (self.oracle.mean_place(support) - grippers_m)
         off = np.linalg.solve(moved, carried)[:2]
-        places = np.stack(np.meshgrid(self.grid.x_m, self.grid.y_m, indexing="ij"), axis=-1) - off
-        found = np.asarray((places @ sides[:, :2].T + sides[:, 2] <= 1e-6).all(axis=-1))
-        return found[None, None, None, None] if found.any() else None
+        places = np.stack(np.meshgrid(grid.x_m, grid.y_m, indexing="ij"), axis=-1) - off
+        found = np.zeros((1, 1, 1, *grid.shape[3:]), dtype=bool)
+        for top in range(len(grid.z_m) - 1, -1, -_HEIGHTS):
+            key = support, float(grid.z_m[top])
+            if key not in self._sides:
+                self._sides[key] = self._polygon(*key)
+            if (sides := self._sides[key]) is not None:
+                inside = (places @ sides[:, :2].T + sides[:, 2] <= 1e-6).all(axis=-1)
+                found[0, 0, 0, max(0, top + 1 - _HEIGHTS) : top + 1] = inside
+        return found if found.any() else None
 
     def held_at(self, held: Contacts, grippers: tuple[int, ...], mask: Flags) -> bool:
         """Whether motors hold the body at some pose of a mask, those looked at that are likeliest to do."""
@@ -289,16 +319,16 @@ class Footing:
         found = sum(square[i, j] * at[i] * at[j] for i in at for j in at) - 2 * sum(linear[i] * at[i] for i in at)
         return np.asarray(self.problem.weights.wrench * (found + still @ still))
 
-    def strong(self, held: Contacts, grippers: tuple[int, ...], mask: Flags, yaw: int) -> Flags:
+    def strong(self, held: Contacts, grippers: tuple[int, ...], mask: Flags, near: tuple[int, ...]) -> Flags:
         """The part of a mask inside the polygon of the farthest cells, along some directions, at which motors hold the
-        body: of a heading, or the nearest to it that has some.
+        body: turned and as high as a cell, or as near to that as some are.
         """
         grid, middle = self.grid, self.oracle.mean_place(tuple(c for c in held if c is not None))
-        order = sorted(np.flatnonzero(mask.any(axis=(1, 2, 3, 4, 5))).tolist(), key=lambda other: abs(other - yaw))
-        for heading in order:
-            cells = np.argwhere(mask[heading])
-            cells = cells[np.argsort(np.hypot(grid.x_m[cells[:, 3]] - middle[0], grid.y_m[cells[:, 4]] - middle[1]))]
-            at = np.column_stack([np.full(len(cells), heading), cells])
+        turns = np.argwhere(mask.any(axis=(4, 5)))
+        for turn in turns[np.argsort(np.abs(turns - near[:4]).sum(axis=1), kind="stable")]:
+            cells = np.argwhere(mask[tuple(turn)])
+            cells = cells[np.argsort(np.hypot(grid.x_m[cells[:, 0]] - middle[0], grid.y_m[cells[:, 1]] - middle[1]))]
+            at = np.column_stack([np.tile(turn, (len(cells), 1)), cells])
             begun = next(
                 (cell for cell in at[:_NEAREST] if self.strong_at(held, grippers, tuple(map(int, cell)))), None
             )
@@ -336,14 +366,14 @@ class Footing:
             self._strong[key] = self._turned[cell[:3]].hold(held, rotation_from_rpy(rpy).T @ place, grippers)
         return self._strong[key]
 
-    def _polygon(self, support: tuple[int, ...]) -> Array | None:
-        """Sides (n, 3) of the places in balance whose grippers' mean place is the support's."""
+    def _polygon(self, support: tuple[int, ...], z_m: float) -> Array | None:
+        """Sides (n, 3) of the places in balance at a height whose grippers' mean place is the support's."""
         grid, middle, points = self.grid, self.oracle.mean_place(support), []
-        low = np.array([grid.x_m[0] - _BEYOND_M, grid.y_m[0] - _BEYOND_M, grid.z_m[-1]])
-        high = np.array([grid.x_m[-1] + _BEYOND_M, grid.y_m[-1] + _BEYOND_M, grid.z_m[-1]])
+        low = np.array([grid.x_m[0] - _BEYOND_M, grid.y_m[0] - _BEYOND_M, z_m])
+        high = np.array([grid.x_m[-1] + _BEYOND_M, grid.y_m[-1] + _BEYOND_M, z_m])
         for angle in _DIRECTIONS:
             far = middle[:2] + _FAR_M * np.array([np.cos(angle), np.sin(angle)])
-            at = self.oracle.by_friction(support, low, high, np.append(far, grid.z_m[-1]))
+            at = self.oracle.by_friction(support, low, high, np.append(far, z_m))
             if at is None:
                 return None
             points.append(at[:2])

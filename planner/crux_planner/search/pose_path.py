@@ -106,7 +106,7 @@ def clear_path(problem: Problem, masks: PoseMasks, footing: Footing, schedule: S
                 series[i] = masks.apart(series[i], grippers[i])
             elif not footing.strong_at(*at[i], cell):
                 if at[i] not in strong:
-                    strong[at[i]] = footing.strong(*at[i], series[i], cell[0])
+                    strong[at[i]] = footing.strong(*at[i], series[i], cell)
                 series[i] = series[i] & strong[at[i]] & ~grown(here)
             else:
                 continue

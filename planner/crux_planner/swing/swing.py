@@ -82,6 +82,9 @@ def plan_swing(
         body_line_h_m = frame.plan_line(body_line_h_m)
     if not limits.endless:
         limits = limits.over(given[2].foot_m[[each.hold for each in (start, end) if each.hold >= 0], 2])
+    straight = _stations(*given[:2], [], max(contact.centre_h_m[2] for contact in given[:2]))
+    if len(limits.slabs.yaw_rad) and _clear_height(*given[:2], straight, given[2], shape, limits, alone=True) is None:
+        return None  # what is around holds does not help
     for corners in _candidate_ways(*given, shape, limits, body_line_h_m):
         way = _clear_way(corners, *given, shape, limits)
         if way is None:
@@ -173,9 +176,18 @@ def palm_gap(a: Array, b: Array, half_width: float) -> float:
 
 
 def _clear_height(
-    start: Contact, end: Contact, way: Array, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
+    start: Contact,
+    end: Contact,
+    way: Array,
+    cuboids: Cuboids,
+    shape: GripperShape,
+    limits: SwingLimits,
+    *,
+    alone: bool = False,
 ) -> float | None:
-    """Height at which the polyline passes over all it must pass over; None where a cuboid is too tall for that."""
+    """Height at which the polyline passes over all it must pass over; None where something is too tall for that.
+    `alone`: as if there were no cuboids but the two that are gripped.
+    """
     samples = _dense(way)
     fingers = footprint(samples, samples[:, 4] + shape.pad_radius)[:, [0, -1]]
     length = shape.half_length(samples[:, 4])
@@ -188,6 +200,8 @@ def _clear_height(
         palm_m = float(lowest.min())
     own_top = cuboids.top_m[[contact.hold for contact in (start, end) if contact.hold >= 0]]
     overhead_m, slabs = limits.overhead_m(shape), limits.slabs
+    if alone:
+        cuboids = cuboids.some(np.isin(np.arange(len(cuboids.yaw_rad)), [start.hold, end.hold]))
     cuboids = cuboids.near(columns, limits.clearance_m)
     cuboids, slabs = (each.some(each.bottom_m < overhead_m) for each in (cuboids, slabs))
     under = column_gap(fingers, cuboids) < limits.clearance_m

@@ -173,7 +173,8 @@ class JointFunctions(StageFunctions):
 
     def body_bounds(self, problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
         """As usual, and near the path at knots at which limbs would be in each other's way elsewhere."""
-        low, high = body_bounds(problem, schedule)
+        tilt_rad = problem.body.max_tilt_rad if problem.follows else None  # joints' limits hold at any
+        low, high = body_bounds(problem, schedule, tilt_rad)
         level = not problem.surfaces.names  # where there are bounded surfaces, height and tilt keep the trunk off them
         moves = np.array(_MOVES if level else range(POSE))
         per_m = np.where(moves < 3, 1.0, _PATH_RAD_M)

@@ -84,7 +84,7 @@ def test_the_trunk_keeps_off_a_ledge_until_it_is_beside_it() -> None:
     over = [knot.body_position_w_m[2] for knot in plan.knots if knot.body_position_w_m[0] + 0.15 > 0.225]
     assert len(over) > 2
     assert min(over) > 0.155 + 0.03
-    assert plan.knots[-1].body_position_w_m[2] < 0.18
+    assert plan.knots[-1].body_position_w_m[2] < ROBOT.body.height_m[0]  # which is about an endless plane
     assert violations(plan, 2, [0.0, 0.0, 0.0]) == set()
 
 

@@ -22,6 +22,7 @@ from crux_planner.search.pose_path import Ended, Moments, clear_path, pose_path
 from crux_planner.search.schedule import at_knots
 from crux_planner.search.stood_on import StoodOn
 from crux_planner.swing.swing_cache import SwingCache
+from edges import CONVEX_60, edge
 from scipy.sparse.csgraph import dijkstra
 from walls import hold, ladder, scenario, two_rows
 
@@ -282,6 +283,29 @@ def test_the_path_is_the_cheapest(robot: Robot, monkeypatch: pytest.MonkeyPatch,
     for cell, knot in zip(path, only[2:], strict=True):
         knot[cell] = True
     assert cheapest(masks, only, grid) == pytest.approx(wanted)
+
+
+def test_where_the_body_follows_surfaces_it_goes_up_and_tilts(robot: Robot) -> None:
+    """From plane to plane over an edge of 60 degrees; what is said to be in balance at a height is."""
+    scene = edge(*CONVEX_60)
+    for end, tilt_deg in (("start", -30.0), ("goal", 20.0)):
+        scene[end]["body"]["rpy_deg"] = [0.0, tilt_deg, 0.0]
+    problem = build_problem(scenario(scene), robot).aimed()
+    grid = grid_about(problem, 0.03, 0.07, 0.16, 0.0)
+    ends = np.degrees(grid.pitch_rad[[0, -1]])
+    assert ends[0] == pytest.approx(-30.0)
+    assert 20.0 <= ends[1] <= 30.0
+    assert np.abs(np.degrees(grid.pitch_rad) - 20.0).min() < 1e-9
+    assert np.diff(grid.pitch_rad).max() < 0.0701
+    assert grid.z_m[[0, -1]] == pytest.approx([0.185 - 0.09, 0.185 + 0.09])
+    footing, held = Footing(problem, grid), (*problem.start_contacts[:3], None)
+    support = problem.start_contacts[:3]
+    stands = footing.stands(held, footing.oracle.mean_place(support))
+    assert stands is not None
+    assert stands[..., 0, :, :].any()
+    for z, x, y in np.argwhere(stands[0, 0, 0])[::7]:
+        at = np.array([grid.x_m[x], grid.y_m[y], grid.z_m[z]])
+        assert footing.oracle.by_friction(support, at, at, at) is not None
 
 
 def test_where_there_is_no_way_the_knot_is_named(robot: Robot) -> None:

@@ -50,6 +50,15 @@ def test_it_leaves_and_comes_straight_off_the_holds(angles_deg: tuple[float, flo
         assert rotations(hands_of(station)) == pytest.approx(turn.as_matrix())
 
 
+def test_it_goes_over_a_ridge_from_the_hold_on_it_to_one_far_below() -> None:
+    """Fingers along the way: the higher the gripper, the farther is it off its hold."""
+    limits = replace(LIMITS, endless=False, max_height_m=0.16)
+    feet = [np.array([0.14, 0.0, 0.08]), np.array([0.239, 0.0, -0.019])]
+    found = way(about_y(-45.0, 45.0), feet, limits=limits)
+    assert found is not None
+    assert found.stations[:, 2].min() > 0.08 + 0.06
+
+
 @pytest.mark.parametrize("whole_deg", [-25.0, 15.0, 40.0])
 def test_the_way_is_the_same_when_all_is_turned(whole_deg: float) -> None:
     feet, turns = [np.zeros(3), np.array([0.2, 0.02, 0.01])], about_y(5.0, -10.0)

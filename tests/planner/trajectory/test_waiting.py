@@ -22,7 +22,7 @@ from walls import one_move, scenario, two_rows
 ROOT = Path(__file__).resolve().parents[3]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FLAT = (ROOT / "msgs" / "scenarios" / "walk-flat.yaml").read_text(encoding="utf-8")
-LIMITS = BodyBounds((0.165, 0.21), 0.3, 0.02, 0.1)
+LIMITS = BodyBounds((0.165, 0.21), 0.3, 0.02, 0.1, 0.165)
 
 
 def longest_wait(plan: Any, moved_m: float) -> int:
