@@ -185,6 +185,16 @@ def test_a_limb_may_leave_its_hold_where_the_plan_lets_it_go_and_the_plan_waits_
     assert list(verdict.lost_grips) == ["LF"] * lost
 
 
+def test_a_gripper_that_touches_the_wall_before_it_grips_is_not_on_its_hold_yet() -> None:
+    plan = climbing_plan(limbs_to_move=(0,))
+    air = [k for k, knot in enumerate(plan.knots) if knot.limbs[0].phase]
+    takes_hold_s = plan.knots[air[-1] + 1].time_s
+    truth = swing_truth(plan, plan.knots[air[0]].time_s, takes_hold_s + 4.0, late_s=4.2)
+    touches = round((takes_hold_s + 1.0) / (PERIOD * CYCLE_S))
+    truth.pad_face[touches : touches + 20, :2] = 0
+    assert not verdict_on(truth, plan).lost_grips
+
+
 def test_a_limb_that_loses_its_hold_after_its_swing_lost_its_grip() -> None:
     plan = climbing_plan(limbs_to_move=(0,))
     air = [k for k, knot in enumerate(plan.knots) if knot.limbs[0].phase]

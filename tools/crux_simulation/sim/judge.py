@@ -164,7 +164,9 @@ def _mishaps(
     dt_s = float(robot.model.opt.timestep)
     lost_samples = int(LOST_HOLD_S / (contact_period() * dt_s)) + 1
     time_s = truth.cycle * dt_s
-    pad_off = truth.pad_face.reshape(-1, len(LIMB_NAMES), 2) < 0
+    # Fingers that touch the wall are off their hold, and feet are on it.
+    on_wall = (truth.pad_face >= 0) & (robot.face_hold[truth.pad_face] < 0)
+    pad_off = ((truth.pad_face < 0) | (on_wall & (not robot.point_feet))).reshape(-1, len(LIMB_NAMES), 2)
     off = np.asarray(pad_off.all(axis=2) if robot.point_feet else pad_off.any(axis=2))  # a foot stands on one pad too
     gone = np.stack([long_runs(limb, lost_samples) for limb in off.T], axis=1)
     reference = PlanReference(plan)
