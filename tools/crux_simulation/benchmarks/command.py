@@ -52,6 +52,11 @@ BENCHES = {
     ),
     "scenes": Bench("plan, check and climb every scene that ships", f"{_HERE}.scenes", "climb-vertical walk-flat"),
     "pace": Bench("climb for the least J, in the least time, and in between", f"{_HERE}.paces", "climb-vertical"),
+    "fast": Bench(
+        "plan random walls for the least time and climb them, as planned and in drawn worlds",
+        f"{_HERE}.fast_climbs",
+        "--count 8 --seed 9001",
+    ),
     "replan": Bench(
         "plan again, warm, from every stance of a route over sixteen holds", f"{_HERE}.replans", "--walls 0 --plain"
     ),
