@@ -164,7 +164,7 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
           .opened = fingers_.opened(reference),
           .arrived = fingers_.opened(reference) && distance_m <= supervisor_.arrive_tolerance_m,
           .gripped = fingers_.gripped(reference, dt_s),
-          .blocked = reference.phase == LimbPhase::kDescend && caught()};
+          .blocked = (reference.phase == LimbPhase::kSwing || reference.phase == LimbPhase::kDescend) && caught()};
 }
 
 Pose LimbController::target_W(const LimbReference& reference) const noexcept {
@@ -285,10 +285,13 @@ void LimbController::comply(const LimbReference& reference, const Wrench& all_W,
     admittance_.fade(felt_N, control_.swing_decay_s, dt_s);
     if (rises) admittance_.rebase({before_m.x(), before_m.y(), admittance_.offset_m().z()}, admittance_.rotation_rad());
     // A hold that stands out of the wall further than planned is passed at the planned height above where it was
-    // gripped.
+    // gripped; and beside it the gripper rises as long as it is pushed, whatever rubs.
+    const AdmittanceParameters& gains = admittance_.parameters();
     const Vector3& offset_m = admittance_.offset_m();
-    if (reference.passing() && offset_m.z() < before_m.z())
-      admittance_.rebase({offset_m.x(), offset_m.y(), before_m.z()}, admittance_.rotation_rad());
+    const double rises_m = std::min(felt_N.head<2>().norm() / gains.damping_Ns_m, gains.max_speed_m_s) * dt_s;
+    const double least_m = std::min(before_m.z() + rises_m, std::max(before_m.z(), gains.max_offset_m));
+    if (reference.passing() && offset_m.z() < least_m)
+      admittance_.rebase({offset_m.x(), offset_m.y(), least_m}, admittance_.rotation_rad());
   }
   const bool free = reference.phase == LimbPhase::kSwing && !reference.point_foot && !runs_against &&
                     fingers_.force_N() < 0.2 * control_.contact_force_N;

@@ -115,8 +115,8 @@ void PlanClock::advance(const PreparedPlan& plan, const PerLimb<LimbEvents>& eve
     if (passes(leave_s) && !all_seen(WaitingFor::kOpen, &LimbEvents::opened, events, leaves)) {
       return stop_at(leave_s, dt_s);
     }
-    // What a gripper comes down on is pressed no further by the clock.
-    const auto blocked = [&](int l) { return comes(l) && ahead(arrive_s) && events[l].blocked; };
+    // What a gripper comes down on, or runs against on its way, is pressed no further by the clock.
+    const auto blocked = [&](int l) { return events[l].blocked && (!comes(l) || ahead(arrive_s)); };
     if (!all_seen(WaitingFor::kArrive, &LimbEvents::arrived, events, blocked)) {
       // A gentle start would only brush what is in the way, and the load never tell.
       return stop_at(now_.elapsed_s, dt_s, pace_);

@@ -33,7 +33,7 @@ struct LimbEvents {
   bool opened = false;    ///< fingers stand at their opening for the swing
   bool arrived = false;   ///< gripper stands at its new hold
   bool gripped = false;   ///< both fingers press with contact_force_N
-  bool blocked = false;   ///< on its way down to its new hold it bears a load, or seeks the hold
+  bool blocked = false;   ///< on its way to its new hold it bears a load, or seeks the hold
 };
 
 class PlanClock {

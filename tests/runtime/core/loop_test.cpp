@@ -171,12 +171,15 @@ TEST_F(Loop, AGripperInTheAirGivesWayToWhatItRunsAgainst) {
   EXPECT_LT(given_way_m(10, false), 1e-4) << "on the word of one sensor";
   // A second on, against the spring that lets offsets fade; what pushes from the side it goes over.
   const double spring_N_m = robot().admittance.damping_Ns_m / robot().control.swing_decay_s;
+  const double at_s = run_.result.state.plan_time_s;
   EXPECT_NEAR(given_way_m(500, true), (1.0 - std::exp(-2.0)) * (push_N.z() + push_N.head<2>().norm()) / spring_N_m,
               2e-3);
+  EXPECT_LT(run_.result.state.plan_time_s, at_s + 0.3) << "the clock would press it further";
   // The offset fades, but for the height above the wall that the gripper has come to.
   const Vector3 before_m = offset_m(0);
   run_.steps(250);
   ASSERT_TRUE(swings());
+  EXPECT_GT(run_.result.state.plan_time_s, at_s + 0.25);
   EXPECT_NEAR(offset_m(0).z(), before_m.z(), 1e-3);
   EXPECT_NEAR(offset_m(0).y(), std::exp(-1.0) * before_m.y(), 5e-4);
 }
