@@ -16,6 +16,8 @@ constexpr double kBlocked_s = 0.3;
 constexpr double kFinger = 0.6;
 // Between fingers that touch the wall and what else stands there.
 constexpr double kAside_m = 0.01;
+// Of the force by which a gripper feels the wall: so much is left where it still does.
+constexpr double kStaysFelt = 0.4;
 // By its joints' limits a gripper is kept from where it is to be.
 constexpr double kKept_m = 0.002;
 
@@ -164,10 +166,10 @@ void Grips::touch_wall(const CycleView& now, PlanClock& clock, LimbController& l
     events.arrived = false;
   }
   if (!touch.busy()) return;
-  const bool felt =
-      limb.wrench_W().force_N.z() > now.robot.control.contact_force_N && !now.health.force_torque_distrusted[l];
-  const double distance_m = (gripper_W_m - limb.anchor_W_m(reference)).norm();
-  if (touch.advance({events.opened, felt, limb.runs_against(), limb.ik_error_m() > kKept_m, distance_m}, dt_s))
+  const double least_N = (touch.presses() ? kStaysFelt : 1.0) * now.robot.control.contact_force_N;
+  const bool felt = limb.wrench_W().force_N.z() > least_N && !now.health.force_torque_distrusted[l];
+  const double above_m = gripper_W_m.z() - limb.anchor_W_m(reference).z();
+  if (touch.advance({events.opened, felt, limb.runs_against(), limb.ik_error_m() > kKept_m, above_m}, dt_s))
     limb.aim_beside(touch.beside_W_m(), reference);
   if (touch.touched()) touched_ = {l, gripper_W_m.z() - touching_m};
   events.arrived = false;

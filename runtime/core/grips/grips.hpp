@@ -54,6 +54,7 @@ class Grips {
   };
   const Touched& touched() const { return touched_; }
   bool touches_wall(int limb) const { return touches_[limb].busy(); }
+  bool presses_wall(int limb) const { return touches_[limb].presses(); }
 
   /// In HOLDING, with a hold lost or giving way: runs the clock back, once, until a limb in the air grips. Where that
   /// limb comes down already, or its fingers close, the clock runs forward until it bears. `hold`: the operator
