@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 from crux_contracts.output_file import look_at_folder
 from crux_contracts.scenario_document import scenario_document
+from crux_contracts.scenario_types import OBJECTIVES
 from crux_tools.arguments import whole
 from crux_tools.output import note, print_json
 from crux_tools.report.results import CLIMBED, Row
@@ -36,6 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `crux bench fast`."""
     parser.add_argument("--count", type=whole(1), default=50, metavar="N", help="walls (default: %(default)s)")
     parser.add_argument("--seed", type=whole(0), default=1, metavar="N", help="of the first (default: %(default)s)")
+    parser.add_argument(
+        "--objective", choices=OBJECTIVES, default="time", help="what they are planned for (default: %(default)s)"
+    )
     parser.add_argument("--world", type=Path, default=WORLD, metavar="FILE.yaml", help="drawn from (default: ordinary)")
     parser.add_argument(
         "--output", type=Path, default=Path("out/bench-fast"), metavar="DIR", help="for results, and logs of failures"
@@ -54,7 +58,7 @@ class FastJob(LoopJob):
         return {**told, "m_min": 60.0 * way_m / told["time_s"] if told["time_s"] else 0.0}
 
 
-def wall_of(seed: int) -> tuple[str, Wall]:
+def wall_of(seed: int, objective: str) -> tuple[str, Wall]:
     """Its kind, and the wall; the same seed draws the same."""
     slope_deg = float(np.round(np.random.default_rng(seed).uniform(*SLOPE_DEG), 1))
     if seed % 4 == 0:
@@ -64,7 +68,7 @@ def wall_of(seed: int) -> tuple[str, Wall]:
     else:
         drawn = Wall("field", seed)
     content = scenario_document(drawn.scenario())
-    content["planner"] = {**content.get("planner", {}), "objective": "time", "time_limit_s": LIMIT_S}
+    content["planner"] = {**content.get("planner", {}), "objective": objective, "time_limit_s": LIMIT_S}
     return drawn.kind, Wall(seed=seed, text=yaml.safe_dump(content, sort_keys=False))
 
 
@@ -104,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
     look_at_folder("--output", options.output)
     drawn = WorldFile(read_world(options.world).name, options.world.read_text(encoding="utf-8"))
     worlds = (WorldFile(), drawn)
-    walls = [wall_of(seed) for seed in range(options.seed, options.seed + options.count)]
+    walls = [wall_of(seed, options.objective) for seed in range(options.seed, options.seed + options.count)]
     jobs: list[ClimbJob] = [FastJob(kind, wall, wall.seed, world) for kind, wall in walls for world in worlds]
     rows = run_anew(jobs, options.output, options, "climbing fast")
     climbed = [row for row in rows if "climb" in row]
