@@ -38,6 +38,8 @@ def _bounds() -> str:
 
 
 def _member(key: Key) -> str:
+    if key.type == "per_joint" and key.default is not None:
+        return f"PerJoint {key.name} = each({float(key.default)!r});"
     return _TYPES[key.type].format(key.name, float(key.default or 0.0))
 
 
@@ -115,6 +117,12 @@ namespace crux_msgs::robot {{
 {_bounds()}
 
 using PerJoint = std::array<double, {MOST_JOINTS}>;  ///< shoulder outwards
+
+constexpr PerJoint each(double value) {{
+  PerJoint values{{}};
+  for (double& one : values) one = value;
+  return values;
+}}
 
 struct Interval {{
   double low = 0.0;

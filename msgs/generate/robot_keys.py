@@ -21,7 +21,7 @@ MOST = {"m": MAX_LENGTH_M, "rad": MAX_ANGLE_RAD}
 @dataclass(frozen=True)
 class Key:
     """`section` is empty at the top of the file, "limbs" for the keys of each limb. `count` is the length of a list, 0
-    where it goes by the joints. A key with a `default` may be left out."""
+    where it goes by the joints. A key with a `default`, that of each joint, may be left out."""
 
     section: str
     name: str
@@ -119,7 +119,7 @@ def _key(
     low, high = ranges[named] if isinstance(named, str) else named
     high = min(high, MOST.get(unit, high))
     low = -high if type == "interval" else low
-    if default is not None and (type != "number" or not low <= default <= high):
+    if default is not None and (type not in ("number", "per_joint") or not low <= default <= high):
         raise ValueError(f"{section}.{key}: {default} is no default of it")
     count = 2 if type == "interval" else count
     return Key(section, key, type, unit, low, high, count, default, means)

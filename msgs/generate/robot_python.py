@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from crux_contracts.robot_bounds import MOST_JOINTS
+
 from .robot_keys import Key, RobotKeys
 
 _TYPES = {
@@ -63,6 +65,8 @@ def _dataclass(name: str, means: str, keys: tuple[Key, ...]) -> str:
 
 def _field(key: Key) -> str:
     default = "REQUIRED" if key.default is None else repr(float(key.default))
+    if key.type == "per_joint" and key.default is not None:
+        default = f"({default},) * {MOST_JOINTS}"
     told = [default, *map(repr, (key.low, key.high, key.unit, key.means))]
     if key.type in ("file", "names", "nodes"):
         told.append(f"reader={(key.type if key.type == 'file' else key.name)!r}")

@@ -73,6 +73,11 @@ def _before_end(text: str, more: str) -> str:
     return text.replace("</robot>", f"{more}\n</robot>")
 
 
+def _transmissions(id_: str, line: str, *names: str) -> Case:
+    """With a section that has this line."""
+    return Case(id_, YAML, lambda text: f"{text}transmissions:\n  {line}\n", names)
+
+
 def _added(id_: str, more: str, *names: str) -> Case:
     return Case(id_, URDF, lambda text: _before_end(text, more), names)
 
@@ -113,6 +118,10 @@ FINGER = 'type="prismatic"'
 AXIS = '<axis xyz="1 0 0"/>'
 
 
+def _coupled(text: str) -> str:
+    return f"{text}transmissions:\n  coupled_to: [0, 0, 2, 0, 0, 0]\n  coupling: [0, 0, -0.5, 0, 0, 0]\n"
+
+
 def _untested(text: str) -> str:
     """Without the section of the pull on new grasps."""
     return re.sub(r"^grasp_test:.*\n(  .*\n)+", "", text, flags=re.MULTILINE)
@@ -136,6 +145,14 @@ OF_THE_FILES = [
     _urdf("nameless robot", '<robot name="scaler">', "<robot>", "robot", "needs the attribute name"),
 ]
 OF_ROBOT_YAML = [
+    _transmissions("a coupling to itself", "coupled_to: [0, 0, 3, 0, 0, 0]", "transmissions.coupled_to[2]", "3"),
+    _transmissions("a coupling to half a joint", "coupled_to: [0, 0, 1.5, 0, 0, 0]", "coupled_to[2]", "1.5"),
+    _transmissions("a joint that nothing moves", "ratio: [1, 1, 1, 0, 1, 1]", "transmissions.ratio", "every joint"),
+    _transmissions(
+        "no way for a joint", "low_rad: [3, -3, -3, -3, -3, -3]", "transmissions.low_rad", "joint 1 of limb"
+    ),
+    _transmissions("a ratio too few", "ratio: [1, 1, 1, 1, 1]", "transmissions.ratio", "a list of 6 numbers"),
+    _transmissions("a torque of nothing", "torque_Nm: [1, 1, 1, 1, 1, 0]", "transmissions.torque_Nm[5]", "0"),
     _yaml("unknown key", "rate_Hz: 500", "rate_hz: 500", "can.rate_hz", "unknown key"),
     _yaml("missing key", "  unload_force_N: 4\n", "\n", "control.unload_force_N", "is missing"),
     _yaml("a pull too quick", " rate_N_s: 200", " rate_N_s: 600", "grasp_test.rate_N_s: 600", "at most 500"),
@@ -304,6 +321,9 @@ ALRIGHT = [
     _yaml("a key left out that has a default", "  press_s: 0.2\n", ""),
     Case("a section left out whose keys all have one", YAML, _untested, ()),
     _yaml("another speed", "max_finger_speed_m_s: 0.02", "max_finger_speed_m_s: 0.01"),
+    _transmissions("gears", "ratio: [-1, 1.2, 1, 1, 0.9, 1]"),
+    _transmissions("actuators with less torque", "torque_Nm: [9, 9, 9, 5, 5, 5]"),
+    Case("a coupling", YAML, _coupled, ()),
     _all("axes of any length", '<axis xyz="0 -1 0"/>', '<axis xyz="0 -2 0"/>'),
     _all("longer limbs", ARM, ARM.replace("0.15", "0.17")),
     _urdf("another mass", 'mass value="2.8"', 'mass value="3.1"'),

@@ -15,7 +15,9 @@ import crux_msgs
 import numpy as np
 from crux_contracts import LIMB_NAMES, can_codec, cdr
 from crux_contracts.interpolation import PlanReference
+from crux_contracts.transmissions import Limits, Transmission, own_limits
 from crux_msgs import limb_knot_t, plan_knot_t, plan_t
+from crux_msgs.robot_keys import Transmissions
 from crux_msgs.tables import MEMBERS
 
 FOLDER = Path(__file__).resolve().parents[2] / "msgs" / "golden"
@@ -263,6 +265,33 @@ def interpolation(plan: plan_t | None = None) -> dict[str, Any]:
     return {"plan_lcm": plan.encode().hex(), "samples": samples}
 
 
+def transmissions() -> list[dict[str, Any]]:
+    """Limbs of six joints with gears and couplings: limits that are left of 2 rad, 5 rad/s and 10 Nm, those of the
+    actuators, and what actuators do as the joints do something."""
+    random = np.random.default_rng(0)
+    vectors = []
+    for _ in range(12):
+        ratio = np.where(random.random(6) < 0.5, -1, 1) * random.uniform(0.3, 3.0, 6)
+        coupled = np.where(random.random(6) < 0.4, random.integers(0, np.arange(1, 7)), 0)
+        keys = {
+            "ratio": ratio, "offset_rad": random.uniform(-1, 1, 6), "coupled_to": coupled,
+            "coupling": random.uniform(-2, 2, 6), "low_rad": random.uniform(-6, -4, 6),
+            "high_rad": random.uniform(4, 6, 6), "speed_rad_s": random.uniform(2, 8, 6),
+            "torque_Nm": random.uniform(2, 8, 6),
+        }  # fmt: skip
+        keys = {name: _rounded(values) for name, values in keys.items()}
+        section = Transmissions(**{name: tuple(values) for name, values in keys.items()})
+        by = Transmission.of(section, 6)
+        left = by.within(Limits(*(np.full(6, value) for value in (-2.0, 2.0, 5.0, 10.0))), own_limits(section, 6))
+        q, dq, torque = random.uniform(-2, 2, (3, 6))
+        does = {"joints_rad": q, "ways": dq, "torque_Nm": torque, "actuators_rad": by.actuators_rad(q),
+                "actuator_ways": by.slope(q) @ dq, "actuators_Nm": by.actuator_torque_Nm(q, torque)}  # fmt: skip
+        each = {"left": vars(left), "reached": vars(by.reached(left)), "does": does}
+        told = {name: {key: _rounded(value) for key, value in values.items()} for name, values in each.items()}
+        vectors.append({"section": keys} | told)
+    return vectors
+
+
 def _rounded(values: Any) -> Any:
     numbers = np.asarray(values, dtype=float)
     texts = [float(f"{number:.{DIGITS}g}") for number in numbers.ravel()]
@@ -277,6 +306,7 @@ VECTORS: dict[str, Callable[[], Any]] = {
     "moving_fingers.json": moving_fingers,
     "walking.json": walking,
     "tilted.json": tilted,
+    "transmissions.json": transmissions,
 }
 
 

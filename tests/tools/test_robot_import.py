@@ -150,6 +150,24 @@ def test_the_shipped_robot_in_other_words_comes_back(tmp_path: Path, capsys: pyt
     assert pinocchio.computeTotalMass(model) == pytest.approx(one.total_mass_kg - 2.8)
 
 
+def test_gears_and_belts_come_in_by_the_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    belt = "transmissions.coupled_to: [0, 0, 2, 0, 0, 0], transmissions.coupling: [0, 0, -1, 0, 0, 0]"
+    gears = "transmissions.ratio: [-1, 1.2, 1, 1, 1, 1], transmissions.torque_Nm: [10, 12, 12, 6, 6, 6]"
+    damping = "servo.velocity_gain_Nms_rad: [1.2, 1.2, 1.2, 0.5, 0.5, 0.5]"
+    (tmp_path / "mapping.yaml").write_text(f"{MAPPING}set: {{{gears}, {belt}, {damping}}}\n")
+    words = ["robot", "import", str(maker(tmp_path)), "--mapping", str(tmp_path / "mapping.yaml")]
+    assert cli.main([*words, "-o", str(tmp_path / "mine"), "--json"]) == 0
+    for limb in load_robot(tmp_path / "mine").limbs:
+        q = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+        assert limb.transmission.actuators_rad(q) == pytest.approx([-0.1, 0.24, 0.1, 0.4, 0.5, 0.6])
+        assert limb.effort_Nm[0] == 10.0
+    capsys.readouterr()
+    assert cli.main(["robot", "check", str(tmp_path / "mine"), "--json"]) == 0
+    checks = {check["topic"]: check["found"] for check in json.loads(capsys.readouterr().out)["checks"]}
+    assert "actuators -12.6..12.6" in checks["limits"]
+    assert "(actuator)" in checks["peak torques"]
+
+
 def test_everything_that_is_missing_is_listed_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     gone = ("locked", "limits_rad", "effort", "speed", "finger:", "like")
     lines = [line for line in MAPPING.splitlines() if not line.startswith(gone)]

@@ -131,9 +131,16 @@ void crux_plant::power_joint(std::size_t joint, Supply supply) {
   if (supply_[joint] == supply) return;
   const auto idles = [](Supply at) { return at == Supply::kPowered ? 0.0 : 1.0; };
   const auto brakes = [](Supply at) { return at == Supply::kBraked ? 1.0 : 0.0; };
-  const auto dof = static_cast<std::size_t>(map_.joint_dof[joint]);
-  model_->dof_frictionloss[dof] += settings_.idle_friction_nm * (idles(supply) - idles(supply_[joint]));
-  model_->dof_damping[dof] += settings_.braking_nms_rad * (brakes(supply) - brakes(supply_[joint]));
+  const double friction_nm = settings_.idle_friction_nm * (idles(supply) - idles(supply_[joint]));
+  const double damping_nms_rad = settings_.braking_nms_rad * (brakes(supply) - brakes(supply_[joint]));
+  if (map_.tendon[joint] >= 0) {
+    model_->tendon_frictionloss[map_.tendon[joint]] += friction_nm;
+    model_->tendon_damping[map_.tendon[joint]] += damping_nms_rad;
+  } else {
+    const double ratio = map_.ratio[joint];
+    model_->dof_frictionloss[map_.joint_dof[joint]] += std::abs(ratio) * friction_nm;
+    model_->dof_damping[map_.joint_dof[joint]] += ratio * ratio * damping_nms_rad;
+  }
   supply_[joint] = supply;
 }
 
@@ -161,12 +168,15 @@ void crux_plant::carry() {
 /// Whole counts of a reading that hovers about the angle, as magnetic encoders' do.
 void crux_plant::read_encoders() {
   const double step_rad = settings_.encoder_step_rad;
+  const auto at = [&](const double* values, const std::int32_t* places, std::size_t j) {
+    return map_.ratio[j] * values[places[j]] + map_.coupling[j] * values[places[map_.coupled_to[j]]];
+  };
   for (std::size_t j = 0; j < joints(); ++j) {
-    const double angle_rad =
-        data_->qpos[map_.joint_qpos[j]] + settings_.encoder_noise_rad * encoder_normal_(encoder_random_);
+    const double angle_rad = at(data_->qpos, map_.joint_qpos, j) + map_.offset_rad[j] +
+                             settings_.encoder_noise_rad * encoder_normal_(encoder_random_);
     state_.joint_position_rad[j] = step_rad > 0.0 ? step_rad * std::round(angle_rad / step_rad) : angle_rad;
     state_.joint_velocity_rad_s[j] =
-        data_->qvel[map_.joint_dof[j]] + settings_.encoder_noise_rad_s * encoder_normal_(encoder_random_);
+        at(data_->qvel, map_.joint_dof, j) + settings_.encoder_noise_rad_s * encoder_normal_(encoder_random_);
   }
 }
 

@@ -19,6 +19,9 @@ typedef struct crux_plant_map {
   int32_t body;
   int32_t slots;  ///< for joints of each limb, CRUX_CAN_JOINTS at most: arrays of joints have so many of each
   int32_t joint_qpos[CRUX_SIM_JOINTS], joint_dof[CRUX_SIM_JOINTS], joint_actuators[CRUX_SIM_JOINTS];
+  /// An actuator at ratio * its joint + coupling * joint coupled_to + offset_rad; what moves two joints pulls a tendon.
+  double ratio[CRUX_SIM_JOINTS], coupling[CRUX_SIM_JOINTS], offset_rad[CRUX_SIM_JOINTS];
+  int32_t coupled_to[CRUX_SIM_JOINTS], tendon[CRUX_SIM_JOINTS];  ///< any joint where coupling is 0; -1: no tendon
   int32_t finger_qpos[CRUX_SIM_PADS], finger_dof[CRUX_SIM_PADS], finger_actuators[CRUX_SIM_PADS];
   int32_t spine_actuators[CRUX_SIM_PADS];  ///< -1: a gripper without spines
   int32_t ft_sensors[CRUX_SIM_WRENCHES];   ///< into sensordata: per limb force xyz, torque xyz
@@ -43,8 +46,8 @@ typedef struct crux_plant_settings {
 
 /// What the last step left.
 typedef struct crux_plant_state {
-  double joint_position_rad[CRUX_SIM_JOINTS], joint_velocity_rad_s[CRUX_SIM_JOINTS];
-  double joint_torque_nm[CRUX_SIM_JOINTS];  ///< of the motors, after their lag
+  double joint_position_rad[CRUX_SIM_JOINTS], joint_velocity_rad_s[CRUX_SIM_JOINTS];  ///< of the actuators
+  double joint_torque_nm[CRUX_SIM_JOINTS];  ///< of the actuators, after their lag
   double finger_opening_m[CRUX_SIM_LIMBS], finger_speed_m_s[CRUX_SIM_LIMBS], finger_force_n[CRUX_SIM_LIMBS];
   double ft[CRUX_SIM_WRENCHES];  ///< raw reading, of the world on the gripper, gripper frame, with the hand's weight
   double ft_true[CRUX_SIM_WRENCHES];  ///< without bias and noise
@@ -96,7 +99,7 @@ CRUX_SIM_API void crux_plant_power_gripper(crux_plant *plant, int32_t limb, int3
 /// The hand that carries the body at first begins its time anew, in the last second of which it releases it.
 CRUX_SIM_API void crux_plant_carry(crux_plant *plant);
 
-/// One control cycle: motor torques in joint direction, squeeze a finger, positive closes.
+/// One control cycle: torques of the actuators, squeeze a finger, positive closes.
 CRUX_SIM_API void crux_plant_step(crux_plant *plant, const double joint_torque_nm[CRUX_SIM_JOINTS],
                                   const double finger_force_n[CRUX_SIM_LIMBS]);
 

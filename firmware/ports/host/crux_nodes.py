@@ -60,10 +60,10 @@ def joint_parameters(robot: Robot) -> list[JointParameters]:
     servo = robot.servo
     return [
         JointParameters(
-            position_min_rad=joint.lower,
-            position_max_rad=joint.upper,
-            velocity_limit_rad_s=joint.velocity,
-            torque_limit_Nm=joint.effort,
+            position_min_rad=low_rad,
+            position_max_rad=high_rad,
+            velocity_limit_rad_s=speed_rad_s,
+            torque_limit_Nm=torque_Nm,
             position_gain_Nm_rad=position_gain,
             velocity_gain_Nms_rad=velocity_gain,
             setpoint_time_constant_s=servo.setpoint_time_constant_s,
@@ -73,8 +73,11 @@ def joint_parameters(robot: Robot) -> list[JointParameters]:
             watchdog_cycles=robot.can.watchdog_cycles,
         )
         for limb in robot.limbs
-        for joint, position_gain, velocity_gain in zip(
-            of_slots(limb.joints),
+        for low_rad, high_rad, speed_rad_s, torque_Nm, position_gain, velocity_gain in zip(
+            of_slots(limb.actuators.low_rad.tolist()),
+            of_slots(limb.actuators.high_rad.tolist()),
+            of_slots(limb.actuators.speed_rad_s.tolist()),
+            of_slots(limb.actuators.torque_Nm.tolist()),
             of_slots(servo.position_gain_Nm_rad),
             of_slots(servo.velocity_gain_Nms_rad),
             strict=True,

@@ -88,12 +88,12 @@ def joint_drive_parameters(robot: Robot) -> list[JointDriveParameters]:
     return [
         JointDriveParameters(
             motor=_motor(
-                robot, motor, joint_current_A(motor, joint.effort), bandwidth_rad_s, servo.temperature_limit_degC
+                robot, motor, joint_current_A(motor, effort_Nm), bandwidth_rad_s, servo.temperature_limit_degC
             ),
             gear=GearParameters(ratio=motor.gear_ratio, efficiency=motor.gear_efficiency),
         )
         for limb in robot.limbs
-        for joint in of_slots(limb.joints)
+        for effort_Nm in of_slots(limb.actuators.torque_Nm.tolist())
     ]
 
 

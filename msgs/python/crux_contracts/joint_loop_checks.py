@@ -58,9 +58,12 @@ def _loops_and_margins(robot: Robot) -> Iterator[tuple[JointLoops, Array]]:
 
 
 def joint_loops(robot: Robot, limb: Limb, postures_rad: Array) -> JointLoops:
-    """Of a limb with its joints at `postures_rad` (n, J)."""
+    """Of the actuators of a limb with its joints at `postures_rad` (n, J)."""
     servo, own = robot.servo, len(limb.joints)
     inertias = np.array([joint_inertia(robot.urdf, limb, q_rad) for q_rad in postures_rad])
+    if not limb.transmission.direct:
+        back = np.linalg.inv(limb.transmission.slope(postures_rad))
+        inertias = np.swapaxes(back, -1, -2) @ inertias @ back
     return JointLoops(
         inertias + np.diag(servo.armature_kg_m2[:own]),
         np.array(servo.position_gain_Nm_rad[:own]),
@@ -87,10 +90,10 @@ def _other_gains(loops: JointLoops, worst: int, needed_s: float) -> JointLoops |
 
 @dataclass(frozen=True)
 class JointLoops:
-    """Position loops of a limb's joints, in several postures or with several gains (n)."""
+    """Position loops of a limb's actuators, in several postures or with several gains (n)."""
 
     inertia: Array
-    """(n, J, J) or (J, J) with rotors [kg m²]"""
+    """(n, J, J) or (J, J) as the actuators feel it, with rotors [kg m²]"""
     position: Array
     """gains k_p, (n, J) or (J,)"""
     velocity: Array

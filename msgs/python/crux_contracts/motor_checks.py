@@ -24,7 +24,7 @@ def _joints(robot: Robot, motor: Motor) -> Iterator[Problem]:
         least_A = joint_current_A(motor, asked_Nm)
         expected = f"expected at least {least_A:.3g}, for the {asked_Nm:g} Nm of continuous_torque_Nm"
         yield Problem("motor.continuous_current_A", f"{motor.continuous_current_A:g}", expected)
-    fastest = max(joint.velocity for limb in robot.limbs for joint in limb.joints) * motor.gear_ratio
+    fastest = max(float(limb.actuators.speed_rad_s.max()) for limb in robot.limbs) * motor.gear_ratio
     yield from _speed("motor", motor, fastest)
     yield from _voltage(robot, "motor", motor, fastest)
 

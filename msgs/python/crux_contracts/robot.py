@@ -13,6 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from crux_msgs.robot_keys import Transmissions
 
 from .gain_checks import gain_problems
 from .joint_loop_checks import joint_loop_problems
@@ -24,6 +25,7 @@ from .robot_rules import Chain, RobotRules, have_closed_form
 from .robot_types import Array, AtZero, Limb, Robot
 from .robot_yaml import RobotYaml
 from .still_turns import CANNOT_PLACE, completed
+from .transmissions import Transmission, joint_limits, narrowed, transmission_problems
 from .urdf import Urdf, parse_xml, read_urdf, rotation
 from .yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
@@ -129,8 +131,8 @@ def _load(files: RobotFiles) -> Robot:
     yaml_path = folder / "robot.yaml"
     xml = parse_xml(files.urdf_text, str(urdf_path))
     read, problems = read_urdf(xml, str(urdf_path))
-    limbs = None if read is None else _limbs(RobotRules(read, file.top["body_link"], problems), file)
-    problems = [replace(problem, file=str(urdf_path)) for problem in problems]
+    limbs = None if read is None else _limbs(RobotRules(read, file.top["body_link"], problems), file, str(yaml_path))
+    problems = [replace(problem, file=problem.file or str(urdf_path)) for problem in problems]
     if read is None or limbs is None:
         raise RobotError(str(yaml_path), problems)
     robot = Robot(
@@ -160,7 +162,7 @@ def full_name(name: str, prefix: str) -> str:
     return name.replace("{}", prefix) if "{}" in name else f"{prefix}_{name}"
 
 
-def _limbs(rules: RobotRules, file: RobotYaml) -> tuple[Limb, ...] | None:
+def _limbs(rules: RobotRules, file: RobotYaml, path: str) -> tuple[Limb, ...] | None:
     """None where a limb has other joints than robot.yaml says, or joints that place no gripper; what is wrong is among
     the rules' problems.
     """
@@ -183,7 +185,13 @@ def _limbs(rules: RobotRules, file: RobotYaml) -> tuple[Limb, ...] | None:
     joints += [rules.urdf.joints[finger] for both in fingers.values() for finger in both]
     rules.check_bodies(joints, [chain.gripper_link for chain in chains.values()])
     rules.check_sides(chains)
-    limbs = [_limb(rules.urdf, name, file.limbs[name]["bus"], chains[name], fingers[name]) for name in chains]
+    section = file.sections["transmissions"]
+    wrong = next((one for each in chains for one in transmission_problems(section, each, chains[each].joints)), None)
+    if wrong is not None:
+        rules.problems.append(replace(wrong, file=path))
+        return None
+    chains = {name: _narrowed(section, chain) for name, chain in chains.items()}
+    limbs = [_limb(rules.urdf, name, file.limbs[name]["bus"], chains[name], fingers[name], section) for name in chains]
     if have_closed_form(chains):
         return tuple(limbs)
     slots = max(JOINTS, *(len(limb.joints) for limb in limbs))
@@ -194,6 +202,12 @@ def _limbs(rules: RobotRules, file: RobotYaml) -> tuple[Limb, ...] | None:
         else:
             whole.append(made)
     return tuple(whole) if len(whole) == len(limbs) else None
+
+
+def _narrowed(section: Transmissions, chain: Chain) -> Chain:
+    joints = narrowed(section, chain.joints)
+    moving = (replace(step, joint=joint) for step, joint in zip(chain.steps, joints, strict=False))
+    return Chain((*moving, chain.steps[-1]))
 
 
 def _without_closed_form(limb: Limb) -> Limb:
@@ -210,8 +224,9 @@ def _without_closed_form(limb: Limb) -> Limb:
     )
 
 
-def _limb(urdf: Urdf, name: str, bus: int, chain: Chain, fingers: tuple[str, str]) -> Limb:
+def _limb(urdf: Urdf, name: str, bus: int, chain: Chain, fingers: tuple[str, str], section: Transmissions) -> Limb:
     shoulder, _, elbow, wrist, *_, mount = chain.steps
+    transmission = Transmission.of(section, len(chain.joints))
     hand_mass, hand_com = _hand(urdf, chain.gripper_link, fingers)
     return Limb(
         name=name,
@@ -230,6 +245,8 @@ def _limb(urdf: Urdf, name: str, bus: int, chain: Chain, fingers: tuple[str, str
         hand_com_g_m=hand_com,
         closed_form=True,
         at_zero=_at_zero(chain),
+        transmission=transmission,
+        actuators=transmission.reached(joint_limits(chain.joints)),
     )
 
 

@@ -12,6 +12,7 @@ from crux_msgs.robot_keys import Sections
 from numpy.typing import NDArray
 
 from .robot_bounds import MAX_EFFORT, MOST_JOINTS, STILL_RAD
+from .transmissions import Limits, Transmission
 from .urdf import Joint, Urdf
 
 Array = NDArray[np.float64]
@@ -78,6 +79,10 @@ class Limb:
     closed_form: bool
     """Whether all limbs yaw, pitch and pitch, have a spherical wrist, and are mirror images of one another."""
     at_zero: AtZero
+    transmission: Transmission
+    """Between the joints, whose limits are as far as the actuators let them, and"""
+    actuators: Limits
+    """(J,) the actuators: what their nodes take."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:

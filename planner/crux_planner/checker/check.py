@@ -76,7 +76,8 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
     if point:
         samples = on_pads(samples, pad_radius_m)
     continuous_Nm = np.array(robot.servo.continuous_torque_Nm)
-    motions, report.joints = check_kinematics(samples, model, plan.gravity_w, continuous_Nm, findings)
+    found = check_kinematics(samples, model, plan.gravity_w, continuous_Nm, findings)
+    motions, report.joints, report.actuators = found
     states = [motion.state for motion in motions]
     centre = centre_of_mass(samples, model, states)
     knots = np.searchsorted(samples.interval, np.arange(plan.n_knots - 1))

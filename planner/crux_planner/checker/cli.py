@@ -147,7 +147,7 @@ def show(title: str, report: CheckReport, *, on_feet: bool) -> None:
     if report.cost is not None:
         console.print(f"cost J {report.cost:.4f}")
     if report.joints:
-        console.print(_joint_table(report.joints))
+        console.print(_joint_table(report.actuators or report.joints))
     if report.largest_torque is not None:
         console.print(_torque_line(report.largest_torque), soft_wrap=True)
     if report.correction is not None:
@@ -191,13 +191,14 @@ def _joint_table(loads: list[JointLoad]) -> Any:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    title = "joint torque, peak/rms in N m against effort/advised mean load, and peak speed in rad/s"
+    bearer = "actuator" if loads[0].joint.endswith(" (actuator)") else "joint"
+    title = f"{bearer} torque, peak/rms in N m against effort/advised mean load, and peak speed in rad/s"
     table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("limb")
     limbs = list(dict.fromkeys(load.limb for load in loads))
     first = [load for load in loads if load.limb == limbs[0]]
     for load in first:
-        name = load.joint.removeprefix(f"{load.limb}_")
+        name = load.joint.removeprefix(f"{load.limb}_").removesuffix(" (actuator)")
         limits = f"{load.effort_limit_Nm:g}/{load.continuous_limit_Nm:g}"
         table.add_column(f"{name}\n{limits}", justify="right", no_wrap=True)
     table.add_column(f"speed\n{min(load.speed_limit_rad_s for load in first):g}", justify="right", no_wrap=True)

@@ -21,7 +21,7 @@ from crux_contracts.scenario import Scenario
 from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array, cross, solved
 from crux_planner.checker.kinematics import LimbMotion, held_torque
-from crux_planner.checker.limb_model import WholeRobot
+from crux_planner.checker.limb_model import BEARERS, WholeRobot
 from crux_planner.checker.limit_surface import FingerLoads
 from crux_planner.checker.plan_arrays import Cuboids, PlanArrays
 from crux_planner.checker.report import Correction, Findings, PeakTorque
@@ -252,16 +252,19 @@ def check_torques(
     """No joint is asked for more than it can give, with the shared wrenches in `samples` acting at the grippers'
     centres; returns the joint and moment that come closest to that, or furthest beyond.
     """
-    torques = []
+    torques, efforts, names = [], [], []
     for index, (limb, motion) in enumerate(zip(robot.limbs, motions, strict=True)):
-        torque = held_torque(limb, motion.state, samples, index, gravity_w)
+        torque, most_Nm, borne_by = limb.borne(held_torque(limb, motion.state, samples, index, gravity_w))
         torques.append(np.where(motion.reached[:, None], np.abs(torque), 0.0))
-        for number, (joint, size) in enumerate(zip(limb.joints, torques[-1].T, strict=True)):
-            beyond = np.where(motion.reached, size - joint.effort, -np.inf)
-            where: dict[str, Any] = {"tolerance": tolerances.TORQUE_NM, "limb": index, "detail": joint.name}
-            findings.add_series("joint_torque_shared", beyond, samples.time_s, "N m", joint=number, **where)
-    size = np.stack(torques)
-    efforts = np.array([[joint.effort for joint in limb.joints] for limb in robot.limbs])
-    i, row, j = np.unravel_index(int(np.argmax(size / efforts[:, None])), size.shape)
-    name, joint = robot.limbs[i].name, robot.limbs[i].joints[j]
-    return PeakTorque(name, joint.name, float(samples.time_s[row]), float(size[i, row, j]), joint.effort)
+        efforts.append(most_Nm)
+        names.append(borne_by)
+        for number, (name, most, size) in enumerate(zip(borne_by, most_Nm, torques[-1].T, strict=True)):
+            beyond = np.where(motion.reached, size - most, -np.inf)
+            where: dict[str, Any] = {"tolerance": tolerances.TORQUE_NM, "limb": index, "detail": name}
+            actuator, joint = divmod(number, len(limb.joints))
+            constraint = f"{BEARERS[actuator]}_torque_shared"
+            findings.add_series(constraint, beyond, samples.time_s, "N m", joint=joint, **where)
+    sizes, most_Nm = np.stack(torques), np.stack(efforts)
+    i, row, j = np.unravel_index(int(np.argmax(sizes / most_Nm[:, None])), sizes.shape)
+    borne = float(sizes[i, row, j]), float(most_Nm[i, j])
+    return PeakTorque(robot.limbs[i].name, names[i][j], float(samples.time_s[row]), *borne)

@@ -22,17 +22,35 @@ class LimbMotion:
     reached: Flags
 
 
+@dataclass(frozen=True)
+class Turning:
+    """Joints or actuators of a limb: angles and torques (T, J), and their limits (J,)."""
+
+    what: str
+    names: tuple[str, ...]
+    angle_rad: Array
+    torque_Nm: Array
+    low_rad: Array
+    high_rad: Array
+    most_rad_s: Array
+    most_Nm: Array
+
+
 def check_kinematics(
     samples: Samples, robot: WholeRobot, gravity_w: Array, continuous_Nm: Array, findings: Findings
-) -> tuple[list[LimbMotion], list[JointLoad]]:
-    """Inverse kinematics of every limb at every sample; returns the motions and the loads of all joints."""
+) -> tuple[list[LimbMotion], list[JointLoad], list[JointLoad]]:
+    """Inverse kinematics of every limb at every sample; returns the motions and the loads of all joints, and of all
+    actuators that are none.
+    """
     turn, body, limbs = samples.rotation, samples.body_position, range(len(robot.limbs))
     solutions = inverse_kinematics.solve(
         robot.limbs,
         [turned_back(turn, samples.gripper_position[:, i] - body) for i in limbs],
         [_gripper_in_body(turn, samples, i) for i in limbs],
     )
-    motions, loads = [], []
+    motions: list[LimbMotion] = []
+    loads: list[JointLoad] = []
+    actuators: list[JointLoad] = []
     for index, (limb, solution) in enumerate(zip(robot.limbs, solutions, strict=True)):
         times, q = samples.time_s, solution.q_rad
         findings.add_series("inverse_kinematics", solution.position_error_m, times, "m", limb=index)
@@ -41,28 +59,42 @@ def check_kinematics(
         reached = reached & (solution.rotation_error_rad <= tolerances.ANGLE_RAD)
         state = limb.forward(q, samples.opening[:, index])
         torque = held_torque(limb, state, samples, index, gravity_w)
-        speed = np.zeros_like(q)
-        speed[1:] = np.abs(np.diff(q, axis=0)) / np.diff(times)[:, None]
-        speed[1:][~(reached[1:] & reached[:-1])] = 0.0
-        beyond = np.maximum(limb.lower_rad - q, q - limb.upper_rad)
-        size = np.abs(torque)
-        mean_square = np.trapezoid(torque**2, times, axis=0) / (times[-1] - times[0])
-        for j, joint in enumerate(limb.joints):
-            name = joint.name
-            for constraint, amount, tolerance, unit in (
-                ("joint_position", beyond[:, j], tolerances.ANGLE_RAD, "rad"),
-                ("joint_speed", speed[:, j] - joint.velocity, tolerances.RATE_RAD_S, "rad/s"),
-                ("joint_torque", size[:, j] - joint.effort, tolerances.TORQUE_NM, "N m"),
-            ):
-                # a pose out of reach is reported once, as such
-                applies = np.where(reached, amount, -np.inf)
-                where: dict[str, Any] = {"tolerance": tolerance, "limb": index, "detail": name, "joint": j}
-                findings.add_series(constraint, applies, times, unit, **where)
-            peak, rms, fastest = float(size[:, j].max()), float(np.sqrt(mean_square[j])), float(speed[:, j].max())
-            torques = peak, rms, joint.effort, float(continuous_Nm[j])
-            loads.append(JointLoad(limb.name, name, *torques, fastest, joint.velocity))
+        speeds, efforts = (np.array([getattr(each, key) for each in limb.joints]) for key in ("velocity", "effort"))
+        names = tuple(joint.name for joint in limb.joints)
+        turning = Turning("joint", names, q, torque, limb.lower_rad, limb.upper_rad, speeds, efforts)
+        loads += _check_turning(turning, limb.name, reached, times, continuous_Nm, index, findings)
+        if (by := limb.actuators) is not None:
+            moved, borne = by.angles_rad(q), by.torques_Nm(torque)
+            turning = Turning("actuator", by.names, moved, borne, by.low_rad, by.high_rad, by.speed_rad_s, by.torque_Nm)
+            actuators += _check_turning(turning, limb.name, reached, times, continuous_Nm, index, findings)
         motions.append(LimbMotion(state, reached))
-    return motions, loads
+    return motions, loads, actuators
+
+
+def _check_turning(
+    turning: Turning, limb: str, reached: Flags, times: Array, continuous_Nm: Array, number: int, findings: Findings
+) -> list[JointLoad]:
+    """Loads of each."""
+    angle, size = turning.angle_rad, np.abs(turning.torque_Nm)
+    speed = np.zeros_like(angle)
+    speed[1:] = np.abs(np.diff(angle, axis=0)) / np.diff(times)[:, None]
+    speed[1:][~(reached[1:] & reached[:-1])] = 0.0
+    beyond = np.maximum(turning.low_rad - angle, angle - turning.high_rad)
+    mean_square = np.trapezoid(turning.torque_Nm**2, times, axis=0) / (times[-1] - times[0])
+    for j, name in enumerate(turning.names):
+        for constraint, amount, tolerance, unit in (
+            ("position", beyond[:, j], tolerances.ANGLE_RAD, "rad"),
+            ("speed", speed[:, j] - turning.most_rad_s[j], tolerances.RATE_RAD_S, "rad/s"),
+            ("torque", size[:, j] - turning.most_Nm[j], tolerances.TORQUE_NM, "N m"),
+        ):
+            # a pose out of reach is reported once, as such
+            applies = np.where(reached, amount, -np.inf)
+            where: dict[str, Any] = {"tolerance": tolerance, "limb": number, "detail": name, "joint": j}
+            findings.add_series(f"{turning.what}_{constraint}", applies, times, unit, **where)
+    columns = (size.max(axis=0), np.sqrt(mean_square), turning.most_Nm, continuous_Nm[: len(turning.names)],
+               speed.max(axis=0), turning.most_rad_s)  # fmt: skip
+    rows = zip(turning.names, *(column.tolist() for column in columns), strict=True)
+    return [JointLoad(limb, *row) for row in rows]
 
 
 def held_torque(limb: Limb, state: ChainState, samples: Samples, index: int, gravity_w: Array) -> Array:

@@ -12,7 +12,9 @@ from xml.etree import ElementTree
 import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.urdf import link_shapes
+from crux_msgs.robot_keys import Transmissions
 
+from crux_planner.checker.actuators import Actuators, read_actuators
 from crux_planner.checker.geometry import Array, about_z, cross, rotation_from_rpy, turned
 
 
@@ -79,6 +81,10 @@ class ChainState:
     joint_axis: Array
 
 
+BEARERS = ("joint", "actuator")
+"""What Limb.borne is about, in its order."""
+
+
 @dataclass(frozen=True, eq=False)
 class Limb:
     """A chain of J revolute joints from the body to the gripper frame, and the finger slides behind it."""
@@ -89,6 +95,8 @@ class Limb:
     joints: tuple[Joint, ...]
     gripper: str
     links: tuple[Link, ...]
+    actuators: Actuators | None = None
+    """none where each joint is one"""
 
     @cached_property
     def lower_rad(self) -> Array:
@@ -99,6 +107,16 @@ class Limb:
     def upper_rad(self) -> Array:
         """Upper joint limits, shape (J,)."""
         return np.array([j.upper for j in self.joints])
+
+    def borne(self, torque_Nm: Array) -> tuple[Array, Array, tuple[str, ...]]:
+        """Of joint torques (T, J): torques (T, K) of all that has a limit, those (K,), and names: the joints, and
+        behind them actuators.
+        """
+        names, most_Nm = tuple(joint.name for joint in self.joints), np.array([joint.effort for joint in self.joints])
+        if self.actuators is None:
+            return torque_Nm, most_Nm, names
+        both = np.hstack([torque_Nm, self.actuators.torques_Nm(torque_Nm)])
+        return both, np.concatenate([most_Nm, self.actuators.torque_Nm]), names + self.actuators.names
 
     @cached_property
     def on_body(self) -> frozenset[str]:
@@ -215,14 +233,19 @@ def axis_frame(axis: Array) -> Array:
 def load_model(robot: Robot) -> WholeRobot:
     """The robot's links, joints and shapes from its URDF. Raises RobotModelError."""
     limbs = tuple((limb.name, limb.gripper_link, limb.joint_names, limb.finger_joints) for limb in robot.limbs)
-    return read_model(robot.urdf_path.read_bytes(), robot.body_link, limbs)
+    return read_model(robot.urdf_path.read_bytes(), robot.body_link, limbs, robot.transmissions)
 
 
 @lru_cache(maxsize=4)
 def read_model(
-    urdf: bytes, body_link: str, limb_names: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...]
+    urdf: bytes,
+    body_link: str,
+    limb_names: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...],
+    transmissions: Transmissions | None = None,
 ) -> WholeRobot:
-    """The same of a URDF, and of limbs by name, gripper link, joints from the body outwards, and finger joints."""
+    """The same of a URDF, and of limbs by name, gripper link, joints from the body outwards, and finger joints; and of
+    what turns the joints, where something else does.
+    """
     root = ElementTree.fromstring(urdf)
     links = {e.attrib["name"]: _read_link(e) for e in root.iter("link")}
     joints = {e.attrib["name"]: _read_joint(e) for e in root.findall("joint")}
@@ -242,7 +265,9 @@ def read_model(
             raise RobotModelError(f"limb {name}: revolute joints {found}, expected {list(joint_names)}")
         fingers = tuple(joints[finger] for finger in finger_joints)
         names = [j.child for j in chain] + [j.child for j in fingers]
-        limbs.append(Limb(name, tuple(chain), fingers, moving, gripper, tuple(links[n] for n in names)))
+        limits = np.array([(joint.velocity, joint.effort) for joint in moving])
+        actuators = read_actuators(transmissions, joint_names, *limits.T)
+        limbs.append(Limb(name, tuple(chain), fingers, moving, gripper, tuple(links[n] for n in names), actuators))
     return WholeRobot(links[body_link], tuple(limbs))
 
 

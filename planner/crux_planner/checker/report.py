@@ -36,7 +36,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class JointLoad:
-    """Largest and root-mean-square torque and largest speed of one joint over a plan, beside its limits."""
+    """Largest and root-mean-square torque and largest speed of a joint or actuator over a plan, beside its limits."""
 
     limb: str
     joint: str
@@ -50,7 +50,8 @@ class JointLoad:
 
 @dataclass(frozen=True)
 class PeakTorque:
-    """The largest joint torque, as a share of its limit, when the load is shared about the true centre of mass."""
+    """The largest torque of a joint or actuator, as a share of its limit, when the load is shared about the true centre
+    of mass."""
 
     limb: str
     joint: str
@@ -91,6 +92,8 @@ class CheckReport:
     stance"""
     joints: list[JointLoad] = field(default_factory=list)
     """largest loads of every joint, limb by limb"""
+    actuators: list[JointLoad] = field(default_factory=list)
+    """and of every actuator, where transmissions lie between them and the joints; else none"""
     largest_torque: PeakTorque | None = None
     """the joint torque nearest to its limit"""
     correction: Correction | None = None

@@ -20,14 +20,14 @@ from crux_planner.checker.dynamics import centre_of_mass
 from crux_planner.checker.equilibrium import corrected_wrenches
 from crux_planner.checker.geometry import Array
 from crux_planner.checker.kinematics import LimbMotion, check_kinematics, held_torque
-from crux_planner.checker.limb_model import WholeRobot, load_model
+from crux_planner.checker.limb_model import BEARERS, WholeRobot, load_model
 from crux_planner.checker.limit_surface import FingerLoads
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import Samples, sample_at
 
 WHOLE = 0.45  # of an interval: wrenches of the knot before have blended out, those of the next not begun
-_REACH = ("inverse_kinematics", "inverse_kinematics_orientation", "joint_position")
+_REACH = ("inverse_kinematics", "inverse_kinematics_orientation", "joint_position", "actuator_position")
 
 
 def check_uncertainty(
@@ -40,10 +40,12 @@ def check_uncertainty(
     assert known is not None
     model, continuous_Nm = load_model(robot), np.array(robot.servo.continuous_torque_Nm)
     samples = sample_at(plan, np.arange(plan.n_knots - 1), np.full(plan.n_knots - 1, WHOLE))
-    motions, _ = check_kinematics(samples, model, plan.gravity_w, continuous_Nm, Findings())
+    motions, *_ = check_kinematics(samples, model, plan.gravity_w, continuous_Nm, Findings())
     centre = centre_of_mass(samples, model, [motion.state for motion in motions])
     surface = np.full((2, 4, len(samples.time_s)), -np.inf)
-    torque = [np.full((len(samples.time_s), len(limb.joints)), -np.inf) for limb in model.limbs]
+    own = [np.zeros((len(samples.time_s), len(limb.joints))) for limb in model.limbs]
+    bearers = [limb.borne(none)[2] for limb, none in zip(model.limbs, own, strict=True)]
+    torque = [np.full((len(samples.time_s), len(names)), -np.inf) for names in bearers]
     for force, moment in _corners(samples, centre, known, model.mass_kg, robot.control.twist_length_m):
         shared = replace(samples, force=force, moment=moment)
         for turned_rad in {known.hold_yaw_rad, -known.hold_yaw_rad}:
@@ -55,9 +57,10 @@ def check_uncertainty(
         for finger in (0, 1):
             excess = np.where(bears[limb], surface[finger, limb], -np.inf)
             findings.add_series("limit_surface_uncertain", excess, samples.time_s, "N", limb=limb, finger=finger + 1)
-        for j, (joint, lacks) in enumerate(zip(model.limbs[limb].joints, torque[limb].T, strict=True)):
-            where: dict[str, Any] = {"limb": limb, "detail": joint.name, "joint": j}
-            findings.add_series("joint_torque_uncertain", lacks, samples.time_s, "N m", **where)
+        for j, (name, lacks) in enumerate(zip(bearers[limb], torque[limb].T, strict=True)):
+            actuator, joint = divmod(j, len(model.limbs[limb].joints))
+            where: dict[str, Any] = {"limb": limb, "detail": name, "joint": joint}
+            findings.add_series(f"{BEARERS[actuator]}_torque_uncertain", lacks, samples.time_s, "N m", **where)
     _check_reach(samples, known, model, plan.gravity_w, continuous_Nm, findings)
 
 
@@ -111,10 +114,10 @@ def _surface_excess(
 
 
 def _torque_excess(model: WholeRobot, index: int, motion: LimbMotion, shared: Samples, gravity_w: Array) -> Array:
-    """(T, J) [N m] by which the joints of a limb are asked for more than they can give."""
+    """(T, K) [N m] by which what a limb's joints hang on is asked for more than it can give."""
     limb = model.limbs[index]
-    torque = held_torque(limb, motion.state, shared, index, gravity_w)
-    beyond = np.abs(torque) - np.array([joint.effort for joint in limb.joints])
+    torque, most_Nm, _ = limb.borne(held_torque(limb, motion.state, shared, index, gravity_w))
+    beyond = np.abs(torque) - most_Nm
     return np.where(motion.reached[:, None], beyond, -np.inf)
 
 

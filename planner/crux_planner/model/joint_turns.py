@@ -20,20 +20,20 @@ class JointTurns:
     """Of n postures, whatever way the gripper moves along.
 
     `most_rad_m` (n, J): what each joint turns for a metre of it. `stiffness_N_m` (n,): with what force the joints'
-    position gains pull at it, for a metre that it is off.
+    stiffness pulls at it, for a metre that it is off.
     """
 
     most_rad_m: Array
     stiffness_N_m: Array
 
 
-def joint_turns(limb: Limb, q_rad: Array, gains_Nm_rad: Array) -> JointTurns:
-    """At angles (n, S), with position gains (J,). Of limbs of seven joints it is about the least turns, of those of
-    fewer than six about what their joints do of a motion.
+def joint_turns(limb: Limb, q_rad: Array, stiffness_Nm_rad: Array) -> JointTurns:
+    """At angles (n, S), with the stiffness (n, J, J) of its joints. Of limbs of seven joints it is about the
+    least turns, of those of fewer than six about what their joints do of a motion.
     """
     jacobian = forward(limb.at_zero, q_rad).jacobian()
     back = np.swapaxes(jacobian, 1, 2)
     inverse = back @ np.linalg.inv(jacobian @ back + _DAMPING * np.eye(POSE))
     turns = inverse[:, : len(limb.joints), :3]
-    stiffness = np.swapaxes(turns, 1, 2) @ (gains_Nm_rad[:, None] * turns)
+    stiffness = np.swapaxes(turns, 1, 2) @ stiffness_Nm_rad @ turns
     return JointTurns(np.linalg.norm(turns, axis=2), np.asarray(np.linalg.eigvalsh(stiffness)[:, -1]))

@@ -176,7 +176,10 @@ def _places(robot: Robot, limb: int, planned: LimbReach, height_m: float) -> tup
     reached = reach.reaches(poses)
     turns, stiffness, margin = np.full((3, *reached.shape), np.inf)
     q = reach.angles(poses.where(np.flatnonzero(reached)))
-    found = joint_turns(own, q, np.array(robot.servo.position_gain_Nm_rad[: len(own.joints)]))
+    gains = np.array(robot.servo.position_gain_Nm_rad[: len(own.joints)])
+    own_q, senses = q[:, : len(gains)], own.senses[: len(gains)]
+    of_joints = own.transmission.joint_stiffness_Nm_rad(own_q, gains) * np.outer(senses, senses)
+    found = joint_turns(own, q, of_joints)
     turns[reached], stiffness[reached] = found.most_rad_m.max(axis=1), found.stiffness_N_m
     margin[reached] = joint_margin(own, q)
     spots = np.stack(np.meshgrid(x, y, grip_m, indexing="ij"), axis=-1)[:, :, 0]

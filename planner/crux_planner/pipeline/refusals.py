@@ -13,6 +13,7 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 
 from crux_planner.checker import CheckReport
+from crux_planner.checker.report import JointLoad
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_from_rpy
@@ -23,7 +24,8 @@ from crux_planner.physics.speed_limits import WANTED_N
 from crux_planner.trajectory.solution import WalkSolution
 
 BETWEEN_KNOTS = "limit_surface_between_knots"
-_TORQUES = ("joint_torque", "joint_torque_shared", "joint_torque_uncertain")
+_OF_ACTUATORS = ("actuator_torque", "actuator_torque_shared", "actuator_torque_uncertain")
+_TORQUES = ("joint_torque", "joint_torque_shared", "joint_torque_uncertain", *_OF_ACTUATORS)
 _UNCERTAIN = "limit_surface_uncertain"
 _MORE, _LEAST_EASED = 1.5, 0.02  # of what a joint lacks it is to give less; and at least of its torque
 _MORE_RESERVE = 1.1  # of what the limit surface lacks
@@ -103,20 +105,30 @@ def eased(problem: Problem, report: CheckReport) -> Problem | None:
         if violation.constraint not in _TORQUES or violation.limb is None or violation.joint is None:
             return None
         limb, joint = LIMB_NAMES.index(violation.limb), violation.joint
-        peaks = [load.peak_torque_Nm for load in report.joints if load.limb == violation.limb]
-        planned = min(problem.torque_limits_Nm[limb, joint], peaks[joint])
-        allowed = planned - max(_MORE * violation.amount, _LEAST_EASED * planned)
+        peak, amount = _peaks(report.joints, violation.limb)[joint], violation.amount
+        if violation.constraint in _OF_ACTUATORS:
+            amount *= peak / _peaks(report.actuators, violation.limb)[joint]
+        planned = min(problem.torque_limits_Nm[limb, joint], peak)
+        allowed = planned - max(_MORE * amount, _LEAST_EASED * planned)
         if allowed <= 0.0:
             return None
         limits[limb, joint], last[limb, joint] = (min(allowed, each[limb, joint]) for each in (limits, last))
     return replace(problem, torque_limits_Nm=limits, last_torques_Nm=last, surface_reserve_N=reserve_N)
 
 
+def _peaks(loads: list[JointLoad], limb: str) -> list[float]:
+    return [load.peak_torque_Nm for load in loads if load.limb == limb]
+
+
 def bent(problem: WalkProblem, solution: WalkSolution, report: CheckReport) -> WalkProblem | None:
     """The walk without the corners in which joints are too fast; None where that is not what is wrong."""
     cuts = []
     for violation in report.violations:
-        if violation.constraint == "joint_speed" and violation.limb is not None and violation.time_s is not None:
+        if (
+            violation.constraint in ("joint_speed", "actuator_speed")
+            and violation.limb is not None
+            and violation.time_s is not None
+        ):
             limb = LIMB_NAMES.index(violation.limb)
             cut = _cut(problem, solution, limb, int(violation.time_s / problem.dt_s))
             cuts += [] if cut is None else [cut]

@@ -12,6 +12,7 @@ from crux_contracts.robot import Limb, Robot
 from crux_contracts.scenario import FACE_NAMES, Scenario
 from crux_contracts.scenario_document import foot_of, set_foot
 from crux_contracts.scenario_types import MAX_FRICTION, SIZE_M
+from crux_msgs.robot_keys import Transmissions
 
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
@@ -22,7 +23,8 @@ from crux_planner.search.stances import Oracles
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.swing.swing_cache import SwingCache
 
-_JOINTS = ("joint_torque", "joint_torque_shared", "joint_torque_uncertain")  # of the check
+_TORQUES = ("torque", "torque_shared", "torque_uncertain")
+_JOINTS = tuple(f"{what}_{torque}" for what in ("joint", "actuator") for torque in _TORQUES)  # of the check
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,9 @@ def _with_motors(robot: Robot, factor: float, path: Path) -> Robot:
     def limb(each: Limb) -> Limb:
         return replace(each, joints=tuple(replace(joint, effort=factor * joint.effort) for joint in each.joints))
 
+    own = robot.transmissions
+    if own != Transmissions():
+        own = replace(own, torque_Nm=tuple(factor * torque_Nm for torque_Nm in own.torque_Nm))
     tree = ElementTree.parse(robot.urdf_path)
     names = {name for each in robot.limbs for name in each.joint_names}
     for joint in tree.getroot().findall("joint"):
@@ -126,7 +131,7 @@ def _with_motors(robot: Robot, factor: float, path: Path) -> Robot:
             limit.set("effort", repr(factor * float(limit.get("effort", "inf"))))
     tree.write(path)
     limbs = cast(tuple[Limb, Limb, Limb, Limb], tuple(map(limb, robot.limbs)))
-    return replace(robot, limbs=limbs, urdf_path=path)
+    return replace(robot, limbs=limbs, urdf_path=path, transmissions=own)
 
 
 def _thinner(climb: Climb, amount_m: float) -> Climb:

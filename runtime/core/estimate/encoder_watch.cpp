@@ -17,7 +17,7 @@ EncoderWatch::EncoderWatch(const RobotDescription& robot, int limb) noexcept
       standstill_rad_(robot.supervisor.encoder_standstill_rad),
       most_friction_Nm_(robot.supervisor.max_ft_residual_Nm),
       gain_Nm_rad_(robot.servo.position_gain_Nm_rad),
-      joints_(robot.limbs[limb].joints),
+      actuators_(robot.limbs[limb].actuators),
       nodes_(robot.can.nodes.joints) {}
 
 void EncoderWatch::hover(int joint, double moved_rad, double commanded_rad) noexcept {
@@ -35,7 +35,7 @@ bool EncoderWatch::stands_by_itself(int joint, double commanded_rad) const noexc
 
 double EncoderWatch::look(int joint, double raw_rad, double command_rad, double dt_s) noexcept {
   const double moved_rad = raw_rad - last_rad_[joint];
-  const double most_rad = kJumpShare * joints_[joint].velocity_rad_s * (silent_s_[joint] + dt_s);
+  const double most_rad = kJumpShare * actuators_[joint].velocity_rad_s * (silent_s_[joint] + dt_s);
   silent_s_[joint] = 0.0;
   last_rad_[joint] = raw_rad;
   if (!seen_[joint] || moved_rad != 0.0) still_at_rad_[joint] = command_rad;

@@ -1,4 +1,4 @@
-// Joint encoders of a limb that freeze or jump.
+// Encoders of a limb's actuators that freeze or jump.
 //
 // A joint that stands still against its friction reads the same for a while, too, and its drive makes the same torque
 // on it. Two things tell a frozen encoder from it: readings of a sound one hover about a standing joint by its noise;
@@ -48,7 +48,7 @@ class EncoderWatch {
   double standstill_rad_;
   double most_friction_Nm_;
   std::array<double, kJoints> gain_Nm_rad_;
-  std::array<JointLimits, kJoints> joints_;
+  LimbLimits actuators_;
   std::array<int, kJoints> nodes_;
   JointVector last_rad_ = JointVector::Zero();      ///< raw
   JointVector still_at_rad_ = JointVector::Zero();  ///< command when the reading changed last

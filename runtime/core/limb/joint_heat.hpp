@@ -1,4 +1,4 @@
-// How much torque the heat of their motors leaves the joints of a limb, as their nodes count it.
+// How much torque the heat of their motors leaves the actuators of a limb, as their nodes count it.
 #pragma once
 
 #include <algorithm>
@@ -14,13 +14,13 @@ namespace crux {
 /// makes, the node lets its peak fold back to that (firmware/core/drive/heat.c).
 class JointHeat {
  public:
-  JointHeat(const crux_msgs::robot::Motor& motor, const std::array<JointLimits, kJoints>& joints) noexcept
+  JointHeat(const crux_msgs::robot::Motor& motor, const LimbLimits& actuators) noexcept
       : heating_time_s_(motor.heating_time_s) {
     const double motor_Nm =
         motor.continuous_current_A * motor.torque_constant_Nm_A * motor.gear_ratio * motor.gear_efficiency;
     for (int j = 0; j < kJoints; ++j) {
-      peak_Nm_[j] = joints[j].effort_Nm;
-      continuous_Nm_[j] = std::min(motor_Nm, joints[j].effort_Nm);
+      peak_Nm_[j] = actuators[j].effort_Nm;
+      continuous_Nm_[j] = std::min(motor_Nm, actuators[j].effort_Nm);
     }
   }
 
@@ -32,7 +32,7 @@ class JointHeat {
     load_ += share * (torque_Nm.cwiseQuotient(continuous_Nm_).cwiseAbs2() - load_);
   }
 
-  /// What the joint's node allows now.
+  /// What the actuator's node allows now.
   double allowed_Nm(int joint) const noexcept {
     const double folded = std::clamp((load_[joint] - kFoldBackFrom) / (1.0 - kFoldBackFrom), 0.0, 1.0);
     const double peak = peak_Nm_[joint] * peak_Nm_[joint], continuous = continuous_Nm_[joint] * continuous_Nm_[joint];

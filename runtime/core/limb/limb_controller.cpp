@@ -35,14 +35,16 @@ LimbController::LimbController(const RobotDescription& robot, int limb)
       supervisor_(robot.supervisor),
       gripper_(robot.gripper),
       servo_(robot.servo),
+      transmission_(robot.limbs[limb].transmission),
       joints_(robot.limbs[limb].joints),
+      actuators_(robot.limbs[limb].actuators),
       driven_(robot.limbs[limb].driven),
       kinematics_(robot.limbs[limb]),
       inverse_(robot.limbs[limb], kinematics_),
       wrench_(robot.limbs[limb], robot.force_torque, robot.control),
       encoders_(robot, limb),
       shaking_(robot, limb),
-      heat_(robot.motor, robot.limbs[limb].joints),
+      heat_(robot.motor, robot.limbs[limb].actuators),
       admittance_(robot.admittance),
       fingers_(robot) {
   kinematics_.evaluate(q_rad_, state_);
@@ -50,17 +52,20 @@ LimbController::LimbController(const RobotDescription& robot, int limb)
 
 void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
   encoders_.begin_cycle();
+  const JointVector command_rad = transmission_.actuators_rad(command_q_rad_);
   for (int j = 0; j < kJoints; ++j) {
     const int i = limb_ * kJoints + j;
     if (in.joint_fresh[i] == 0 || !std::isfinite(in.joint_position_rad[i]) || !std::isfinite(in.joint_torque_nm[i])) {
       encoders_.skip(j, in.dt_s);
       continue;
     }
-    q_rad_[j] = encoders_.look(j, in.joint_position_rad[i], command_q_rad_[j], in.dt_s);
-    torque_Nm_[j] = in.joint_torque_nm[i];
+    actuators_rad_[j] = encoders_.look(j, in.joint_position_rad[i], command_rad[j], in.dt_s);
+    actuators_Nm_[j] = in.joint_torque_nm[i];
     // A node that has restarted has lost its feed-forward.
     if (in.joint_state[i] == static_cast<int>(NodeState::kBoot)) command_torque_Nm_[j] = 0.0;
   }
+  q_rad_ = transmission_.joints_rad(actuators_rad_);
+  torque_Nm_ = transmission_.joint_torque_Nm(actuators_Nm_);
   if (in.gripper_fresh[limb_] != 0 && std::isfinite(in.finger_opening_m[limb_]) &&
       std::isfinite(in.finger_speed_m_s[limb_]) && std::isfinite(in.finger_force_n[limb_])) {
     fingers_.see(in.finger_opening_m[limb_], in.finger_speed_m_s[limb_], in.finger_force_n[limb_]);
@@ -77,7 +82,7 @@ void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
 
 void LimbController::sense_wrench(const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2, double dt_s) noexcept {
   wrench_.update(raw_G_, rotation_WB * state_.gripper_B.rotation, gravity_W_m_s2, dt_s);
-  heat_.take(torque_Nm_, dt_s);
+  heat_.take(actuators_Nm_, dt_s);
   const Matrix3 rotation_BW = rotation_WB.transpose();
   const JointVector borne_Nm = torque_Nm_ - gravity_torque(state_, rotation_BW * gravity_W_m_s2);
   const JointVector unexplained_Nm = borne_Nm - contact_torque(state_, turned(wrench_.wrench_W(), rotation_BW));
@@ -131,9 +136,10 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W, 
   ik_.q_rad = q_rad_;
   // A node that holds makes its torque from the feed-forward it had and from the distance of its setpoint.
   held_torque_Nm_ = command_torque_Nm_;
-  for (int j = 0; j < kJoints; ++j) {
-    held_offset_rad_[j] = (torque_Nm_[j] - held_torque_Nm_[j]) / servo_.position_gain_Nm_rad[j];
-  }
+  const JointVector unasked_Nm = transmission_.actuator_torque_Nm(torque_Nm_ - held_torque_Nm_);
+  JointVector actuators_off_rad;
+  for (int j = 0; j < kJoints; ++j) actuators_off_rad[j] = unasked_Nm[j] / servo_.position_gain_Nm_rad[j];
+  held_offset_rad_ = transmission_.joint_ways(actuators_off_rad);
   encoders_.restart();
   shaking_.restart();
 }
@@ -252,6 +258,11 @@ Capacity LimbController::capacity(const Contact& contact, const Matrix3& rotatio
                                   const Vector3& gravity_W_m_s2) const noexcept {
   Capacity capacity{contact, &state_, gravity_torque(state_, rotation_WB.transpose() * gravity_W_m_s2)};
   for (int j = 0; j < kJoints; ++j) capacity.max_torque_Nm[j] = heat_.allowed_Nm(j);
+  if (!transmission_.direct()) {
+    JointVector efforts_Nm;
+    for (int j = 0; j < kJoints; ++j) efforts_Nm[j] = joints_[j].effort_Nm;
+    capacity.max_torque_Nm = transmission_.within_torques(efforts_Nm, capacity.max_torque_Nm);
+  }
   return capacity;
 }
 
@@ -322,8 +333,10 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
   const Matrix3 rotation_BW = body_estimate_W.rotation.transpose();
   JointVector model_Nm =
       gravity_torque(state_, rotation_BW * gravity_W_m_s2) + contact_torque(state_, turned(wrench_W, rotation_BW));
+  JointVector friction_Nm = transmission_.actuator_ways(command_dq_rad_s_);
+  for (int j = 0; j < kJoints; ++j) friction_Nm[j] = servo_.damping_Nms_rad[j] * friction_Nm[j];
+  model_Nm += transmission_.joint_torque_Nm(friction_Nm);
   for (int j = 0; j < kJoints; ++j) {
-    model_Nm[j] += servo_.damping_Nms_rad[j] * command_dq_rad_s_[j];
     const double torque_Nm = held_torque_Nm_[j] + engagement * (model_Nm[j] - held_torque_Nm_[j]);
     command_torque_Nm_[j] = std::clamp(torque_Nm, -joints_[j].effort_Nm, joints_[j].effort_Nm);
   }
@@ -331,7 +344,7 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
 
 double LimbController::torque_share() const noexcept {
   double share = 0.0;
-  for (int j = 0; j < kJoints; ++j) share = std::max(share, std::abs(torque_Nm_[j]) / joints_[j].effort_Nm);
+  for (int j = 0; j < kJoints; ++j) share = std::max(share, std::abs(actuators_Nm_[j]) / actuators_[j].effort_Nm);
   return share;
 }
 

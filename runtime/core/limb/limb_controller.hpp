@@ -128,7 +128,7 @@ class LimbController {
   Vector3 gripper_W_m(const Pose& body_W) const { return body_W * state_.gripper_B.position_m; }
   const LimbState& state() const { return state_; }
   const JointVector& torque_Nm() const { return torque_Nm_; }  ///< measured
-  /// The greatest of it as a share of its joint's effort.
+  /// The greatest of its actuators, as a share of what that can give.
   double torque_share() const noexcept;
   const Wrench& wrench_W() const { return wrench_.wrench_W(); }
   /// Its joints bear what gravity does not explain: in the air it runs against something.
@@ -189,7 +189,8 @@ class LimbController {
   SupervisorParameters supervisor_;
   GripperDescription gripper_;
   ServoDescription servo_;
-  std::array<JointLimits, kJoints> joints_;
+  Transmission transmission_;
+  LimbLimits joints_, actuators_;
   int driven_;  ///< joints; slots behind them stand still
 
   LimbKinematics kinematics_;
@@ -203,6 +204,7 @@ class LimbController {
   Yielding translation_, rotation_;
 
   // Measured.
+  JointVector actuators_rad_ = JointVector::Zero(), actuators_Nm_ = JointVector::Zero();  ///< as their nodes tell
   JointVector q_rad_ = JointVector::Zero();
   JointVector torque_Nm_ = JointVector::Zero();
   bool trusts_force_torque_ = true;

@@ -7,18 +7,25 @@ namespace crux {
 
 void LimbController::write(NodeMode joint_mode, NodeMode gripper_mode,
                            crux_msgs::control_output_t& out) const noexcept {
+  JointVector led_rad, led_rad_s;
   for (int j = 0; j < kJoints; ++j) {
-    const int i = limb_ * kJoints + j;
-    out.joint_mode[i] = static_cast<std::int8_t>(joint_mode);
     const JointLimits& limits = joints_[j];
     // A lead beyond what a node takes would be clamped there, and reported.
     const double q_rad = command_q_rad_[j];
-    const double led_rad =
+    led_rad[j] =
         std::clamp(q_rad + setpoint_lead_rad_[j], std::min(q_rad, limits.lower_rad), std::max(q_rad, limits.upper_rad));
-    out.joint_position_rad[i] = encoders_.raw_rad(j, led_rad);
-    out.joint_velocity_rad_s[i] =
+    led_rad_s[j] =
         std::clamp(command_dq_rad_s_[j] + velocity_lead_rad_s_[j], -limits.velocity_rad_s, limits.velocity_rad_s);
-    out.joint_torque_nm[i] = command_torque_Nm_[j];
+  }
+  const JointVector actuators_rad = transmission_.actuators_rad(led_rad);
+  const JointVector actuators_rad_s = transmission_.actuator_ways(led_rad_s);
+  const JointVector actuators_Nm = transmission_.actuator_torque_Nm(command_torque_Nm_);
+  for (int j = 0; j < kJoints; ++j) {
+    const int i = limb_ * kJoints + j;
+    out.joint_mode[i] = static_cast<std::int8_t>(joint_mode);
+    out.joint_position_rad[i] = encoders_.raw_rad(j, actuators_rad[j]);
+    out.joint_velocity_rad_s[i] = actuators_rad_s[j];
+    out.joint_torque_nm[i] = actuators_Nm[j];
   }
   out.gripper_mode[limb_] = static_cast<std::int8_t>(gripper_mode);
   out.finger_opening_m[limb_] = fingers_.opening_command_m();

@@ -91,6 +91,7 @@ std::vector<JointMatrix> limb_inertias(const LimbDescription& limb, const JointV
         at(2, elbow), at(3, pitch), at(4, roll);
         dynamics.JntToMass(q_rad, inertia);
         inertias.emplace_back(JointMatrix::Zero()).topLeftCorner(turns, turns) = inertia.data;
+        inertias.back() = limb.transmission.at_actuators(inertias.back());
         inertias.back().diagonal() += armature_kg_m2;
         inertias.back().diagonal().tail(kJoints - limb.driven).setConstant(kStill_kg_m2);
       }

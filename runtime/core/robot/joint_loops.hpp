@@ -8,7 +8,7 @@
 
 namespace crux {
 
-/// Position loops of a limb's joints.
+/// Position loops of a limb's actuators.
 struct JointLoops {
   JointVector position_gain_Nm_rad;
   JointVector velocity_gain_Nms_rad;
@@ -16,8 +16,8 @@ struct JointLoops {
   double lag_s = 0.0;           ///< of the torque
 };
 
-/// Mass matrices, with rotors, of a limb in the air, in the postures that msgs/python/crux_contracts/
-/// joint_loop_checks.py names; the fingers are closed.
+/// Mass matrices, with rotors, as its actuators feel a limb in the air, in the postures that
+/// msgs/python/crux_contracts/ joint_loop_checks.py names; the fingers are closed.
 std::vector<JointMatrix> limb_inertias(const LimbDescription& limb, const JointVector& armature_kg_m2);
 
 /// Delay at which the loops begin to oscillate with that mass matrix: the least (π + arg λ) / ω over the frequencies ω

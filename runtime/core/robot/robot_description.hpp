@@ -9,16 +9,10 @@
 #include <utility>
 
 #include "core/robot/geometry.hpp"
+#include "core/robot/transmission.hpp"
 #include "crux_msgs/robot.hpp"
 
 namespace crux {
-
-struct JointLimits {
-  double lower_rad = 0.0;
-  double upper_rad = 0.0;
-  double velocity_rad_s = 0.0;
-  double effort_Nm = 0.0;
-};
 
 struct LimbDescription {
   std::string name;  ///< LF, RF, LR, RR
@@ -26,8 +20,10 @@ struct LimbDescription {
   /// Body link to gripper frame, then the turns of the gripper that a limb of fewer than kPlacing joints does not make
   /// (still_turns.hpp). The gripper's segment carries the fingers' mass as well.
   KDL::Chain chain;
-  std::array<JointLimits, kJoints> joints{};
-  int driven = kPlacing;  ///< joints; behind them come the turns, and slots that nothing fills
+  Transmission transmission;
+  LimbLimits joints{};     ///< as far as the actuators let them
+  LimbLimits actuators{};  ///< what their nodes take
+  int driven = kPlacing;   ///< joints; behind them come the turns, and slots that nothing fills
 
   /// How many of the slots the chain has.
   [[nodiscard]] int turns() const { return std::max(driven, kPlacing); }

@@ -86,6 +86,18 @@ void read_limb(const Urdf& urdf, const LimbChain& chain, LimbDescription& limb) 
   limb.driven = static_cast<int>(moving);
 }
 
+/// Narrows the joints' limits by the actuators'.
+void add_transmission(const crux_msgs::robot::Transmissions& section, const std::string& path, LimbDescription& limb) {
+  limb.transmission = Transmission(section, limb.driven, path);
+  limb.joints = limb.transmission.within(limb.joints, own_limits(section));
+  for (int j = 0; j < limb.driven; ++j)
+    if (!(limb.joints[j].lower_rad < limb.joints[j].upper_rad))
+      refuse(path, "transmissions.low_rad", "",
+             "expected limits of actuators between which joint " + std::to_string(j + 1) + " of limb " + limb.name +
+                 " can turn");
+  limb.actuators = limb.transmission.reached(limb.joints);
+}
+
 /// Fills the sections of a description from a checked file.
 class ReadValue {
  public:
@@ -176,7 +188,8 @@ RobotDescription read_robot(const std::string& yaml_path) {
   for (int l = 0; l < kLimbs; ++l) {
     LimbDescription& limb = robot.limbs[l];
     read_limb(urdf, chains[l], limb);
-    for (const JointLimits& joint : limb.joints) fastest_rad_s = std::max(fastest_rad_s, joint.velocity_rad_s);
+    add_transmission(robot.transmissions, yaml_path, limb);
+    for (const JointLimits& actuator : limb.actuators) fastest_rad_s = std::max(fastest_rad_s, actuator.velocity_rad_s);
     if (!add_still_turns(limb))
       refuse(urdf_path, "limb " + limb.name, "",
              "expected joints that move the gripper in all three directions from the middle of their ranges");

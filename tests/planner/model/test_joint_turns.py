@@ -34,7 +34,7 @@ def test_joints_turn_as_small_moves_of_the_gripper_make_them(robot: Robot) -> No
     q, reached = inverse(limb, place[None], np.eye(3)[None])
     assert reached.all()
     gains = np.array(robot.servo.position_gain_Nm_rad)
-    found = joint_turns(limb, q, gains)
+    found = joint_turns(limb, q, np.diag(gains))
     places = np.vstack([place, place + MOVE_M * ways])
     (others,) = solve([model], [places], [np.broadcast_to(np.eye(3), (len(places), 3, 3))])
     turned = (others.q_rad[1:] - others.q_rad[0]) / MOVE_M
@@ -56,7 +56,7 @@ def test_first_walls_tell_the_most_along_their_step(robot: Robot) -> None:
         (others,) = solve([model.limbs[i]], [places], [turns])
         off = np.minimum(others.q_rad - model.limbs[i].lower_rad, model.limbs[i].upper_rad - others.q_rad)
         assert wall.margin_rad[i] <= off.min() + 1e-3
-        found = joint_turns(limb, q, np.array(robot.servo.position_gain_Nm_rad))
+        found = joint_turns(limb, q, np.diag(robot.servo.position_gain_Nm_rad))
         assert 0.5 * wall.turns_rad_m[i] < found.most_rad_m.max() < 1.02 * wall.turns_rad_m[i]
         assert found.stiffness_N_m.max() < 1.05 * wall.stiffness_N_m[i]
 

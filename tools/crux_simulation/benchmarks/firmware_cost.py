@@ -88,8 +88,8 @@ def _path(case: str, place: Place, robot: Robot, time_s: float) -> float:
         low, high = robot.gripper.opening_m
         fastest = robot.gripper.max_finger_speed_m_s
     else:
-        joint = robot.limbs[place.limb].joints[can_codec.JOINT_NODES.index(place.node)]
-        low, high, fastest = joint.lower, joint.upper, joint.velocity
+        limits, index = robot.limbs[place.limb].actuators, can_codec.JOINT_NODES.index(place.node)
+        low, high, fastest = (float(e[index]) for e in (limits.low_rad, limits.high_rad, limits.speed_rad_s))
     middle, reach = 0.5 * (low + high), 0.4 * (high - low)
     share = {"swinging": 0.2, "at full speed": 1.0}.get(case, 0.0)
     return middle + reach * math.sin(share * fastest / reach * time_s)

@@ -37,7 +37,8 @@ def _fill(target: Any, values: Any) -> None:
 class Plant:
     """Physics of one climb, stepped once a control cycle. The same seed and inputs give the same bits.
 
-    Sensors are overwritten in place by every step: joint_position_rad, joint_velocity_rad_s, joint_torque_nm (4 S,),
+    Sensors are overwritten in place by every step: joint_position_rad, joint_velocity_rad_s, joint_torque_nm (4 S,) of
+    the actuators,
     finger_opening_m, finger_speed_m_s, finger_force_n (4,), ft (24,): per limb the force [N] and moment [Nm] of the
     world on the gripper about its centre, gripper frame, raw: with the hand's weight, bias and noise; ft_true without
     the last two; pad_force_n, pad_face (8,) of the last look at the contacts.
@@ -99,7 +100,8 @@ class Plant:
         robot = self.robot
         names = ("joint_qpos", "joint_dof", "joint_actuators", "finger_qpos", "finger_dof", "finger_actuators")
         places = PlantMap(body=robot.body, slots=robot.robot.slots)
-        for name in (*names, "ft_sensors", "gripper_sites", "pad_geoms"):
+        actuators = ("ratio", "coupling", "offset_rad", "coupled_to", "tendon")
+        for name in (*names, *actuators, "ft_sensors", "gripper_sites", "pad_geoms"):
             _fill(getattr(places, name), getattr(robot, name))
         _fill(places.spine_actuators, robot.spine_actuators if len(robot.spine_actuators) else np.full(8, -1))
         self._tables = (
@@ -142,7 +144,7 @@ class Plant:
         self._native.crux_plant_carry(self.handle)
 
     def step(self, joint_torque_nm: Floats, finger_force_n: Floats) -> None:
-        """One control cycle: motor torques (4 S,) in joint direction, squeeze a finger (4,), positive closes."""
+        """One control cycle: torques of the actuators (4 S,), squeeze a finger (4,), positive closes."""
         torque = np.ascontiguousarray(joint_torque_nm, dtype=np.float64)
         force = np.ascontiguousarray(finger_force_n, dtype=np.float64)
         self._native.crux_plant_step(self.handle, torque.ctypes.data_as(DOUBLES), force.ctypes.data_as(DOUBLES))

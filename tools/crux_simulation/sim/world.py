@@ -77,6 +77,11 @@ class JointChange:
     heating_K_Nm2: float = key(0.0, 0.0, 100.0, "K/Nm²")
     heating_time_s: float = key(30.0, 0.1, 1e4, "s")
 
+    @property
+    def mechanical(self) -> bool:
+        """Whether it changes what lies between motor and link."""
+        return self.friction_Nm + self.stiction_Nm + self.backlash_rad > 0 or math.isfinite(self.stiffness_Nm_rad)
+
 
 @dataclass(frozen=True)
 class GripperChange:

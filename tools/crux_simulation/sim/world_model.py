@@ -14,6 +14,7 @@ from crux_contracts.interpolation import is_walk
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import FACE_NAMES
 from crux_msgs import limb_knot_t, plan_t
+from crux_tools.errors import UsageError
 from crux_tools.robot3d.robot_model import RobotModel, finger_joints, slot_names
 
 from crux_simulation.sim.native import HoldBreakRow, PlantWorld, PushRow, SensorErrorRow
@@ -84,7 +85,10 @@ def change_robot(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
         )  # fmt: skip
     for name, place in zip(slot_names(robot), joint_names(robot.slots), strict=True):
         if place in world.joints:
-            _change_joint(spec.joint(name), world.joints[place])
+            change = world.joints[place]
+            if change.mechanical and not all(limb.transmission.direct for limb in robot.limbs):
+                raise UsageError(f"joints.{place}: no friction, play or elasticity where there are transmissions")
+            _change_joint(spec.joint(name), change)
     for name, limb in zip(finger_joints(robot), np.repeat(LIMB_NAMES, 2), strict=True):
         if limb in world.grippers:
             spec.joint(name).solimp_friction, spec.joint(name).solref_friction = STIFF_SOLIMP, PLAY_SOLREF

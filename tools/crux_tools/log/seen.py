@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from crux_tools.errors import UsageError
 from crux_tools.telemetry import Channels, Telemetry
+from crux_tools.telemetry.actuators import joint_speeds_rad_s, joint_torques_Nm, joints_rad
 from crux_tools.telemetry.margins import Grip, measured_grip
 from crux_tools.telemetry.summary import WAIT_NAMES, is_realtime, name_of, runs, summarise
 from crux_tools.telemetry.wording import fault_line
@@ -146,8 +147,14 @@ def _at(joint: Joint, value: np.ndarray) -> np.ndarray:
 def _joint_values(log: Telemetry, robot: Robot, rows: np.ndarray) -> tuple[list[str], np.ndarray]:
     """Names, and (n, len(names), 3): joints as measured, both fingers of a gripper as its opening."""
     inputs = log.inputs[rows]
-    quantities = ("joint_position_rad", "joint_velocity_rad_s", "joint_torque_nm")
-    joints = np.stack([inputs[name] for name in quantities], axis=2)
+    joints = np.stack(
+        [
+            joints_rad(robot, inputs["joint_position_rad"]),
+            joint_speeds_rad_s(robot, inputs["joint_velocity_rad_s"]),
+            joint_torques_Nm(robot, inputs["joint_torque_nm"]),
+        ],
+        axis=2,
+    )
     fingers = np.stack([inputs[name] for name in ("finger_opening_m", "finger_speed_m_s", "finger_force_n")], axis=2)
     names = [name for limb in robot.limbs for name in limb.joint_names]
     names += [name for limb in robot.limbs for name in limb.finger_joints]

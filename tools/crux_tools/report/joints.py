@@ -1,4 +1,4 @@
-"""Torque and heat of the joints in a climb against what the robot description says they bear."""
+"""Torque and heat of the actuators of joints in a climb against what the robot description says they bear."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def joint_loads(log: Telemetry, robot: Robot) -> JointLoads:
     torque = joint_torques_Nm(log)
     climbing = log.state["supervisor_state"] == CLIMBING
     loaded = torque[climbing] if climbing.any() else torque
-    efforts = [of_slots([joint.effort for joint in limb.joints])[: robot.slots] for limb in robot.limbs]
+    efforts = [of_slots(limb.actuators.torque_Nm.tolist())[: robot.slots] for limb in robot.limbs]
     effort = np.array(efforts)
     continuous = np.minimum(joint_continuous_torque_Nm(robot.motor), effort)
     heat = heat_share(torque, continuous, robot.motor.heating_time_s, float(log.inputs["dt_s"][0]))

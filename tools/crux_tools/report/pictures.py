@@ -17,6 +17,7 @@ from crux_tools.robot3d.robot_model import RobotModel, build_model
 from crux_tools.robot3d.start_pose import RobotPose, take_pose
 from crux_tools.robot3d.wall import WALL
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.actuators import joints_rad
 from crux_tools.telemetry.description import robot_of
 
 # Seen from the body, frame W: from the lower right, off the wall.
@@ -103,7 +104,7 @@ def place_measured(robot: RobotModel, data: mujoco.MjData, log: Telemetry, row: 
     """Body as the runtime estimated it, joints and fingers as measured, of one row of a log."""
     data.qpos[:3] = log.state["body_position_w_m"][row]
     data.qpos[3:7] = log.state["body_quaternion_w"][row]
-    data.qpos[robot.joint_qpos] = log.inputs["joint_position_rad"][row]
+    data.qpos[robot.joint_qpos] = joints_rad(robot.robot, log.inputs["joint_position_rad"][row])
     data.qpos[robot.finger_qpos] = log.inputs["finger_opening_m"][row][:, None]
 
 

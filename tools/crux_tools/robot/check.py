@@ -13,7 +13,7 @@ from crux_planner.checker.limb_model import Limb, WholeRobot
 
 from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, Finding
 from crux_tools.robot.described import Described
-from crux_tools.robot.loads import Load, least_load
+from crux_tools.robot.loads import Load, least_load, peak_torques_Nm
 from crux_tools.robot.stance import CLEAR_M, LimbReach, Stance, closest, limb_reach, stance
 
 SLOPES_DEG = (0, 45, 90, 135, 180)
@@ -93,6 +93,9 @@ def _limits(model: WholeRobot) -> Finding:
     joints = model.limbs[0].joints
     ranges = ", ".join(f"{joint.lower:.3g}..{joint.upper:.3g}" for joint in joints)
     found = f"{model.limbs[0].name} {ranges} rad; peak {', '.join(f'{joint.effort:.3g}' for joint in joints)} Nm"
+    if (by := model.limbs[0].actuators) is not None:
+        ends = ", ".join(f"{low:.3g}..{high:.3g}" for low, high in zip(by.low_rad, by.high_rad, strict=True))
+        found += f"; actuators {ends} rad; peak {', '.join(f'{torque:.3g}' for torque in by.torque_Nm)} Nm"
     if free or weak:
         missing = [f"no limits: {', '.join(free)}" * bool(free), f"no peak torque: {', '.join(weak)}" * bool(weak)]
         return Finding("limits", BAD, found, "; ".join(filter(None, missing)))
@@ -125,7 +128,7 @@ def _clearance(where: Stance) -> Finding:
 
 
 def _loads(where: Stance, sections: dict[str, Any], friction: float) -> Iterator[Finding]:
-    peaks = [np.array([joint.effort for joint in limb.joints]) for limb in where.model.limbs]
+    peaks = peak_torques_Nm(where.model.limbs)
     lasting = np.array(sections["servo"].continuous_torque_Nm)
     kinds = [("peak torques", peaks)]
     if all(len(limb.joints) == len(lasting) for limb in where.model.limbs):

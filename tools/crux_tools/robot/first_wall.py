@@ -17,7 +17,7 @@ from crux_planner.checker.limb_model import WholeRobot
 from crux_planner.method_report import first_walls
 
 from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, Finding
-from crux_tools.robot.loads import least_load
+from crux_tools.robot.loads import least_load, peak_torques_Nm
 from crux_tools.robot.stance import Stance, standing
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def _hardest(stances: list[Stance], slope_deg: float, friction: float, most_N: f
     infinite above MOST_SHARE.
     """
     limbs, most = stances[0].model.limbs, 0.0
-    peaks = [np.array([joint.effort for joint in limb.joints]) for limb in limbs]
+    peaks = peak_torques_Nm(limbs)
     for lifted in range(len(limbs)):
         loads = (least_load(stance, np.radians(slope_deg), peaks, friction, most_N, lifted) for stance in stances)
         most = max(most, min((load.share for load in loads if load is not None), default=np.inf))

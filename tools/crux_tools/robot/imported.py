@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from crux_contracts.records import keys_of
 from crux_contracts.robot import RobotError, load_robot, robot_files, robot_names
 from crux_contracts.urdf import Urdf, parse_xml, read_urdf
 from crux_contracts.yaml_document import Plain, Problem, read_bytes, values
+from crux_msgs.robot_keys import SECTIONS
 
 from crux_tools.errors import UsageError
 from crux_tools.robot.facts import Facts, JointFacts
@@ -96,8 +98,7 @@ def _unknown(mapping: Mapping, like: dict[str, Plain]) -> list[Problem]:
     found = []
     for place in mapping.set if like else {}:
         name, _, key = str(place).partition(".")
-        section = like.get(name)
-        if not isinstance(section, dict) or key not in section or name in ("limbs", "limb"):
+        if name not in SECTIONS or key not in keys_of(SECTIONS[name]):
             found.append(Problem(f"set.{place}", "", "no such key of robot.yaml; right is SECTION.KEY"))
     return found
 

@@ -1,4 +1,5 @@
-"""What torques a robot needs to hang still on a wall: the least load of its busiest joint, over how grips share it.
+"""What torques a robot needs to hang still on a wall: the least load of its busiest joint, or of the actuator in its
+place, over how grips share it.
 
 A grip presses with both fingers along its opening axis, shares two shear forces and a twist about that axis between
 them, and holds what is inside |s1| / mu + |s2| / mu + |m| / (k mu) <= n of each finger: inside the limit surface (2).
@@ -7,11 +8,13 @@ A linear program with variables s1, s2, m, n1, n2 of every gripping limb, and th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from crux_contracts.scenario_types import GRAVITY_M_S2
+from crux_planner.checker.limb_model import Limb
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, linprog
 
@@ -33,14 +36,23 @@ class Load:
 
 @dataclass(frozen=True)
 class JointLoads:
-    """Torque over its limit of every joint, (J,) a limb; the least load; and what grips do: wrenches (limbs, 6) on the
-    robot at the grippers, force [N] and moment [N m], body frame, and pressures (limbs, 2) [N] of the fingers.
+    """Torque over its limit of every joint or actuator, (J,) a limb; the least load; and what grips do:
+    wrenches (limbs, 6) on the robot at the grippers, force [N] and moment [N m], body frame, and pressures (limbs, 2)
+    [N] of the fingers.
     """
 
     load: Load
     shares: list[Array]
     wrenches: Array
     pressures_N: Array
+
+
+def peak_torques_Nm(limbs: Sequence[Limb]) -> list[Array]:
+    """(J,) a limb: of its joints, or of the actuators in their places."""
+    return [
+        limb.actuators.torque_Nm if limb.actuators else np.array([joint.effort for joint in limb.joints])
+        for limb in limbs
+    ]
 
 
 def gravity_b_m_s2(slope_rad: float) -> Array:
@@ -80,7 +92,8 @@ class _Program:
     ) -> None:
         limbs = stance.model.limbs
         self._limbs, self._most_N = limbs, most_N
-        self._names = [joint.name for limb in limbs for joint in limb.joints]
+        names = (limb.actuators.names if limb.actuators else [joint.name for joint in limb.joints] for limb in limbs)
+        self._names = [name for each in names for name in each]
         self._limits_Nm = np.concatenate(limits_Nm)
         self._grips = [i for i in range(len(limbs)) if i != lifted]
         count = GRIP * len(self._grips)
@@ -88,7 +101,7 @@ class _Program:
         self._torque, own, surfaces = np.zeros((len(self._names), count)), [], []
         begin = 0
         for i, (limb, state) in enumerate(zip(limbs, stance.states, strict=True)):
-            own.append(limb.gravity_torque(state, gravity_m_s2[None])[0])
+            own.append(_borne(limb, limb.gravity_torque(state, gravity_m_s2[None]))[0])
             rows, begin = slice(begin, begin + len(limb.joints)), begin + len(limb.joints)
             if i not in self._grips:
                 continue
@@ -96,7 +109,7 @@ class _Program:
             forces, moments = _grip(stance.gripper(i)[1])
             self._wrench[i, :, at] = np.vstack([forces.T, moments.T])
             for k, (f, m) in enumerate(zip(forces, moments, strict=True)):
-                self._torque[rows, at.start + k] = limb.contact_torque(state, f[None], m[None])[0]
+                self._torque[rows, at.start + k] = _borne(limb, limb.contact_torque(state, f[None], m[None]))[0]
             surfaces += _limit_surface(friction, at, count)
         self._own, self._surfaces = np.concatenate(own), np.array(surfaces)
         arms = np.array([stance.gripper(i)[0] for i in range(len(limbs))])
@@ -143,6 +156,10 @@ class _Program:
             [*pressed, *[(0.0, most_share)] * shares],
             method="highs",
         )
+
+
+def _borne(limb: Limb, torque_Nm: Array) -> Array:
+    return limb.actuators.torques_Nm(torque_Nm) if limb.actuators else torque_Nm
 
 
 def _limit_surface(friction: float, at: slice, count: int) -> list[Array]:

@@ -174,6 +174,9 @@ def robot_yaml(mapping: Mapping, like: dict[str, Any], finger: JointFacts) -> st
     sections = {name: dict(content) for name, content in like.items() if isinstance(content, dict)}
     said = {"gripper.opening_m": list(finger.limits), "gripper.max_finger_force_N": finger.effort}
     said |= {"gripper.max_finger_speed_m_s": finger.speed, **mapping.set}
+    for place, value in mapping.set.items():
+        name, _, key = str(place).partition(".")
+        sections.setdefault(name, {}).setdefault(key, value)  # one that may be left out
     lines = [f"# {mapping.name}, brought in by `crux robot import`. msgs/robot_keys.yaml says what each key means.",
              "# Marks: [S] said by the mapping or the URDF, [A] assumed: measure it.",
              as_yaml({"version": like["version"], "name": mapping.name, "urdf": f"{mapping.name}.urdf",

@@ -53,6 +53,11 @@ class RobotModel:
     finger_qpos: Ints  # (4, 2)
     finger_dof: Ints  # (4, 2)
     joint_actuators: Ints  # (4 S,)
+    ratio: Floats  # (4 S,) of an actuator to its joint,
+    coupling: Floats  # (4 S,) to the other joint that it moves,
+    coupled_to: Ints  # (4 S,) which is this one, or itself
+    offset_rad: Floats  # (4 S,)
+    tendon: Ints  # (4 S,) by which it moves both; -1 where it moves one
     finger_actuators: Ints  # (4, 2)
     spine_actuators: Ints  # (8,) pad order; empty without spines
     gripper_sites: Ints  # (4,)
@@ -149,12 +154,23 @@ def _add_idle_slots(spec: mujoco.MjSpec, robot: Robot) -> None:
 def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
     servo = robot.servo
     for limb in robot.limbs:
-        for index, name in enumerate(limb.joint_names):
-            joint = spec.joint(name)
-            joint.armature = servo.armature_kg_m2[index]
-            joint.damping = [servo.damping_Nms_rad[index], 0, 0]
-            joint.frictionloss = servo.friction_Nm[index]
-            spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
+        for index, (joint, turns) in enumerate(zip(limb.joints, limb.transmission.matrix, strict=True)):
+            own, ratio = spec.joint(joint.name), float(turns[index])
+            if joint.kind == "revolute":
+                own.range = [joint.lower, joint.upper]
+            inertia, damping = servo.armature_kg_m2[index], [servo.damping_Nms_rad[index], 0, 0]
+            friction = servo.friction_Nm[index]
+            if np.count_nonzero(turns) > 1:
+                tendon = spec.add_tendon(name=joint.name, armature=inertia, damping=damping, frictionloss=friction)
+                for other in np.flatnonzero(turns):
+                    tendon.wrap_joint(limb.joint_names[other], turns[other])
+                spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_TENDON).set_to_motor()
+                continue
+            own.armature, own.frictionloss = ratio**2 * inertia, abs(ratio) * friction
+            own.damping = [ratio**2 * each for each in damping]
+            actuator = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            actuator.set_to_motor()
+            actuator.gear[0] = ratio
 
 
 def set_solver_options(spec: mujoco.MjSpec, timestep_s: float) -> None:
@@ -221,6 +237,25 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
     return _with_addresses(model, robot, faces, is_walk(plan))
 
 
+def _actuators(model: mujoco.MjModel, robot: Robot) -> dict[str, Any]:
+    """Of RobotModel, how actuators hang on joints."""
+    count = 4 * robot.slots
+    ratio, coupling, offset_rad = np.ones(count), np.zeros(count), np.zeros(count)
+    coupled_to, tendon = np.arange(count), np.full(count, -1)
+    for number, limb in enumerate(robot.limbs):
+        for index, (turns, offset) in enumerate(
+            zip(limb.transmission.matrix, limb.transmission.offset_rad, strict=True)
+        ):
+            slot = robot.slots * number + index
+            ratio[slot], offset_rad[slot] = turns[index], offset
+            for other in np.flatnonzero(turns):
+                tendon[slot] = model.tendon(limb.joint_names[index]).id if np.count_nonzero(turns) > 1 else -1
+                if other != index:
+                    coupling[slot], coupled_to[slot] = turns[other], robot.slots * number + other
+    each = {"ratio": ratio, "coupling": coupling, "coupled_to": coupled_to, "offset_rad": offset_rad}
+    return each | {"tendon": tendon}
+
+
 def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face], point_feet: bool) -> RobotModel:
     joints, fingers = slot_names(robot), finger_joints(robot)
     sites = np.array([model.site(_sensor_site(limb)).id for limb in robot.limbs])
@@ -243,6 +278,7 @@ def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face], poin
         finger_qpos=np.array([model.joint(name).qposadr[0] for name in fingers]).reshape(4, 2),
         finger_dof=np.array([model.joint(name).dofadr[0] for name in fingers]).reshape(4, 2),
         joint_actuators=np.array([model.actuator(name).id for name in joints]),
+        **_actuators(model, robot),
         finger_actuators=np.array([model.actuator(name).id for name in fingers]).reshape(4, 2),
         spine_actuators=np.array(
             [model.actuator(_spines(name)).id for name in fingers] if has_spines else [], dtype=np.int64

@@ -34,6 +34,7 @@ from crux_tools.plan_robot import robot_named
 from crux_tools.robot3d.robot_model import RobotModel, build_model
 from crux_tools.robot3d.start_pose import solve_limb
 from crux_tools.telemetry import Channels, Telemetry
+from crux_tools.telemetry.actuators import actuators_rad
 from crux_tools.telemetry.margins import Grip
 from crux_tools.telemetry.rotations import rotations_from_quaternions
 from crux_tools.view.recording import Recording, blank, made_telemetry
@@ -227,7 +228,7 @@ class Live:
             solve_limb(robot, data, limb, limbs["gripper_position_w_m"][limb], turned, near=True, starts=1)
         row = blank("/control_input", 1, robot.robot.slots)
         row["cycle"], row["dt_s"] = state["cycle"], robot.robot.dt_s
-        row["joint_position_rad"] = data.qpos[robot.joint_qpos]
+        row["joint_position_rad"] = actuators_rad(robot.robot, data.qpos[robot.joint_qpos])
         row["finger_opening_m"] = self._newest["/limb_reference"]["finger_opening_m"]
         row["finger_force_n"] = limbs["grasp_force_n"]
         return row

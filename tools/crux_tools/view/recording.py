@@ -20,6 +20,7 @@ from crux_tools.report.evidence import evidence, moment_of, stories
 from crux_tools.robot3d.robot_model import build_model
 from crux_tools.robot3d.start_pose import RobotPose, take_pose
 from crux_tools.telemetry import Channels, Telemetry, is_log, read_channels, telemetry_of
+from crux_tools.telemetry.actuators import actuators_rad
 from crux_tools.telemetry.cdr_table import fixed_dtype
 from crux_tools.telemetry.description import robot_of
 from crux_tools.telemetry.margins import Grip, planned_grip
@@ -116,7 +117,7 @@ def recording_of_plan(path: Path, plan: Any) -> Recording:
         yaw, opening = np.array([grip.yaw_w_rad for grip in grips]), np.array([grip.opening_m for grip in grips])
         tilt = np.array([grip.tilt_w_rad for grip in grips])
         take_pose(robot, data, RobotPose(body_position[row], body_rpy[row], position, yaw, tilt, opening), near=row > 0)
-        inputs["joint_position_rad"][row] = data.qpos[robot.joint_qpos]
+        inputs["joint_position_rad"][row] = actuators_rad(robot.robot, data.qpos[robot.joint_qpos])
         inputs["finger_opening_m"][row] = opening
         state["body_quaternion_w"][row] = data.qpos[3:7]
         references["phase"][row] = np.where(reference.air[k], SWING, STANCE)

@@ -21,6 +21,7 @@ from crux_tools.report.pictures import place_measured
 from crux_tools.robot3d.robot_model import build_model
 from crux_tools.robot3d.start_pose import solve_limb
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.actuators import joints_rad
 from crux_tools.telemetry.description import robot_of
 from crux_tools.telemetry.rotations import hold_middle, hold_top_m, rotations_from_quaternions, tilts_of
 from crux_tools.view.bodies import Bodies, numbers, rgb_of
@@ -105,7 +106,7 @@ class Scene:
             "grippers": numbers(data.site_xpos[self._robot.gripper_sites]),
             "arrows": {name: numbers(scale * log.limbs[field][row]) for name, (field, scale, _) in ARROWS.items()},
             "holds": self._hold_colours(row),
-            "joints": numbers(log.inputs["joint_position_rad"][row]),
+            "joints": numbers(joints_rad(self._robot.robot, log.inputs["joint_position_rad"][row])),
         }
 
     def caption(self, row: int, recording: Recording) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from crux_tools.errors import UsageError
 from crux_tools.robot.described import Described
-from crux_tools.robot.loads import joint_loads
+from crux_tools.robot.loads import joint_loads, peak_torques_Nm
 from crux_tools.robot.stance import CLEAR_M, Stance, limb_reach, meetings, stance, standing
 from crux_tools.view.bodies import Shape, numbers
 from crux_tools.view.meshes import drawn_mesh, meshes_of
@@ -31,7 +31,7 @@ class Figure:
         self._described, self.model, self._friction = robot, robot.model, friction
         self._links = [self.model.body, *(link for limb in self.model.limbs for link in limb.links)]
         self._number = {link.name: i for i, link in enumerate(self._links)}
-        self._peaks = [np.array([joint.effort for joint in limb.joints]) for limb in self.model.limbs]
+        self._peaks = peak_torques_Nm(self.model.limbs)
         sections = robot.sections
         reaches = [limb_reach(self.model.body, limb, sections) for limb in self.model.limbs]
         self._ends = [

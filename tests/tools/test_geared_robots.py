@@ -1,0 +1,84 @@
+"""Robots whose actuators are not their joints: planned, checked, climbed, and recomputed from the log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from crux_contracts.joint_loop_checks import borne_dead_time_s
+from crux_contracts.robot import Robot, load_robot
+from crux_contracts.scenario import parse_scenario
+from crux_simulation.sim.climb import ClimbOptions, climb
+from crux_tools import cli
+from crux_tools.report.pictures import place_measured
+from crux_tools.robot3d.robot_model import build_model
+from crux_tools.telemetry import read_log
+from geared_robots import COUPLED, GEARED, OFFSET_RAD, RATIO, with_transmissions
+from hand_plan import standing_plan
+from shared_plans import unproven
+from short_climb import scenario_text
+
+
+def test_gears_that_leave_the_joints_as_they_are_leave_the_delay_margin(tmp_path: Path) -> None:
+    geared, plain = load_robot(with_transmissions(GEARED, tmp_path)), load_robot("scaler")
+    assert borne_dead_time_s(geared) == pytest.approx(borne_dead_time_s(plain), rel=1e-3)
+
+
+@pytest.mark.parametrize("section", [GEARED, COUPLED], ids=["geared", "coupled"])
+def test_physics_turns_joints_by_the_power_of_actuators(section: dict[str, Any], tmp_path: Path) -> None:
+    """One actuator after the other, in MuJoCo: its length is its angle, and power in is power out."""
+    robot = load_robot(with_transmissions(section, tmp_path))
+    model = build_model(robot, standing_plan())
+    data = mujoco.MjData(model.model)
+    random = np.random.default_rng(4)
+    data.qpos[model.joint_qpos] = random.uniform(-0.5, 0.5, 24)
+    data.qvel[model.joint_dof] = random.uniform(-1.0, 1.0, 24)
+    data.ctrl[model.joint_actuators] = torque = random.uniform(-2.0, 2.0, 24)
+    mujoco.mj_forward(model.model, data)
+    speeds = data.actuator_velocity[model.joint_actuators]
+    for i, limb in enumerate(robot.limbs):
+        own, of = slice(6 * i, 6 * i + 6), limb.transmission
+        q, dq = data.qpos[model.joint_qpos[own]], data.qvel[model.joint_dof[own]]
+        angles = data.actuator_length[model.joint_actuators[own]] + of.offset_rad
+        np.testing.assert_allclose(of.actuators_rad(q), angles, atol=1e-12)
+        np.testing.assert_allclose(of.slope(q) @ dq, speeds[own], atol=1e-12)
+        made = data.qfrc_actuator[model.joint_dof[own]]
+        np.testing.assert_allclose(of.joint_torque_Nm(q, torque[own]), made, atol=1e-12)
+        assert made @ dq == pytest.approx(torque[own] @ speeds[own])
+
+
+def climbs(section: dict[str, Any], folder: Path) -> tuple[Robot, Path]:
+    """The robot and the log of its climb; fails where it does not climb."""
+    robot = load_robot(with_transmissions(section, folder))
+    found = unproven(parse_scenario(scenario_text()), robot)
+    assert found.check.ok
+    assert len(found.check.actuators) == 24
+    log = folder / "log.mcap"
+    result = climb(found.plan, robot, log, ClimbOptions())
+    assert result.ok, result.reason
+    assert result.verdict.slips == 0
+    assert result.verdict.goal_error_m < 0.02
+    return robot, log
+
+
+def test_a_robot_with_gears_signs_and_offsets_climbs(tmp_path: Path) -> None:
+    robot, path = climbs(GEARED, tmp_path)
+    assert cli.main(["replay", str(path), "--check", "--no-view"]) == 0
+    log = read_log(path)
+    told = log.inputs["joint_position_rad"][-1].reshape(4, 6)
+    model = build_model(robot, standing_plan())
+    data = mujoco.MjData(model.model)
+    place_measured(model, data, log, len(log.time_s) - 1)
+    joints = data.qpos[model.joint_qpos].reshape(4, 6)
+    np.testing.assert_allclose(told, joints * RATIO + OFFSET_RAD, atol=1e-12)
+    mujoco.mj_kinematics(model.model, data)
+    grippers = data.site_xpos[model.gripper_sites]
+    np.testing.assert_allclose(grippers, log.limbs["gripper_position_w_m"][-1], atol=2e-3)
+
+
+def test_a_robot_with_a_belt_about_its_shoulder_climbs(tmp_path: Path) -> None:
+    _, path = climbs(COUPLED, tmp_path)
+    assert cli.main(["replay", str(path), "--check", "--no-view"]) == 0
