@@ -116,17 +116,18 @@ def robot_page() -> Iterator[tuple[str, str]]:
     file = ROBOTS / "scaler" / "robot.yaml"
     scaler = yaml.safe_load(file.read_text(encoding="utf-8"))
     marks = _marks(file)
-    text = "# Keys of robot.yaml\nEvery key must be there; unknown keys are refused. "
-    text += "[Your robot](docs/your-robot.md) says how to begin. The last column is what `scaler` has: "
+    text = "# Keys of robot.yaml\nEvery key without a default must be there; unknown keys are refused. "
+    text += "[Your robot](docs/your-robot.md) says how to begin. The last column is what `scaler` has, or the default: "
     text += "[S] read at a source, [C] computed, [A] assumed.\n"
     for section, kind in ({"": Top, "limbs": OfLimb, "limb": InUrdf} | SECTIONS).items():
         text += f"\n## {section}\n{kind.__doc__}\n\n" if section else "\n"
-        values = {"": scaler, "limbs": scaler["limbs"]["LF"]}.get(section) or scaler[section]
+        values = {"": scaler, "limbs": scaler["limbs"]["LF"]}.get(section) or scaler.get(section, {})
         rows = []
         for name, key in keys_of(kind).items():
             mark = marks.get(f"{section}.{name}") or marks.get(section, "")
             holds = _holds(key).replace("2 numbers", "[low, high]")
-            rows.append((f"`{name}`", holds, _sentence(key.means), f"{values[name]} {mark}".strip()))
+            value = values[name] if name in values else f"{_default(key.default)} by default"
+            rows.append((f"`{name}`", holds, _sentence(key.means), f"{value} {mark}".strip()))
         text += table(("key", "holds", "means", "scaler"), rows) + "\n"
     yield "robot-keys.md", text
 

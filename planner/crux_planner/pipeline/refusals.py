@@ -27,6 +27,7 @@ BETWEEN_KNOTS = "limit_surface_between_knots"
 _OF_ACTUATORS = ("actuator_torque", "actuator_torque_shared", "actuator_torque_uncertain")
 _TORQUES = ("joint_torque", "joint_torque_shared", "joint_torque_uncertain", *_OF_ACTUATORS)
 _UNCERTAIN = "limit_surface_uncertain"
+_LEAST_NM = 1e-9
 _MORE, _LEAST_EASED = 1.5, 0.02  # of what a joint lacks it is to give less; and at least of its torque
 _MORE_RESERVE = 1.1  # of what the limit surface lacks
 _LEAST_CUT = 0.8  # of the speed is left at most, so that every cut counts
@@ -107,7 +108,7 @@ def eased(problem: Problem, report: CheckReport) -> Problem | None:
         limb, joint = LIMB_NAMES.index(violation.limb), violation.joint
         peak, amount = _peaks(report.joints, violation.limb)[joint], violation.amount
         if violation.constraint in _OF_ACTUATORS:
-            amount *= peak / _peaks(report.actuators, violation.limb)[joint]
+            amount *= peak / max(_peaks(report.actuators, violation.limb)[joint], _LEAST_NM)
         planned = min(problem.torque_limits_Nm[limb, joint], peak)
         allowed = planned - max(_MORE * amount, _LEAST_EASED * planned)
         if allowed <= 0.0:
