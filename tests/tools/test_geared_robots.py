@@ -12,9 +12,12 @@ from crux_contracts.joint_loop_checks import borne_dead_time_s
 from crux_contracts.robot import Robot, load_robot
 from crux_contracts.scenario import parse_scenario
 from crux_simulation.sim.climb import ClimbOptions, climb
+from crux_simulation.sim.world import JointChange, World
+from crux_simulation.sim.world_model import change_robot
 from crux_tools import cli
+from crux_tools.errors import UsageError
 from crux_tools.report.pictures import place_measured
-from crux_tools.robot3d.robot_model import build_model
+from crux_tools.robot3d.robot_model import build_model, urdf_spec
 from crux_tools.telemetry import read_log
 from geared_robots import COUPLED, GEARED, OFFSET_RAD, RATIO, with_transmissions
 from hand_plan import standing_plan
@@ -48,6 +51,15 @@ def test_physics_turns_joints_by_the_power_of_actuators(section: dict[str, Any],
         made = data.qfrc_actuator[model.joint_dof[own]]
         np.testing.assert_allclose(of.joint_torque_Nm(q, torque[own]), made, atol=1e-12)
         assert made @ dq == pytest.approx(torque[own] @ speeds[own])
+
+
+def test_worlds_with_play_in_joints_with_gears_are_refused(tmp_path: Path) -> None:
+    robot = load_robot(with_transmissions(GEARED, tmp_path))
+    changed = World("loose", "", 0, joints={"LF.2": JointChange(backlash_rad=0.01)})
+    change_robot(urdf_spec(load_robot("scaler")), load_robot("scaler"), changed)
+    with pytest.raises(UsageError, match="no friction, play or elasticity"):
+        change_robot(urdf_spec(robot), robot, changed)
+    change_robot(urdf_spec(robot), robot, World("weak", "", 0, joints={"LF.2": JointChange(torque_factor=0.8)}))
 
 
 def climbs(section: dict[str, Any], folder: Path) -> tuple[Robot, Path]:
