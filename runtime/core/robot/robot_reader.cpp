@@ -95,7 +95,6 @@ void add_transmission(const crux_msgs::robot::Transmissions& section, const std:
       refuse(path, "transmissions.low_rad", "",
              "expected limits of actuators between which joint " + std::to_string(j + 1) + " of limb " + limb.name +
                  " can turn");
-  limb.actuators = limb.transmission.reached(limb.joints);
 }
 
 /// Fills the sections of a description from a checked file.
@@ -189,10 +188,11 @@ RobotDescription read_robot(const std::string& yaml_path) {
     LimbDescription& limb = robot.limbs[l];
     read_limb(urdf, chains[l], limb);
     add_transmission(robot.transmissions, yaml_path, limb);
-    for (const JointLimits& actuator : limb.actuators) fastest_rad_s = std::max(fastest_rad_s, actuator.velocity_rad_s);
     if (!add_still_turns(limb))
       refuse(urdf_path, "limb " + limb.name, "",
              "expected joints that move the gripper in all three directions from the middle of their ranges");
+    limb.actuators = limb.transmission.reached(limb.joints);  // slots that nothing fills are their own
+    for (int j = 0; j < limb.driven; ++j) fastest_rad_s = std::max(fastest_rad_s, limb.actuators[j].velocity_rad_s);
   }
   const KDL::RigidBodyInertia body = inertia_of(*urdf.link(body_link));
   robot.body_mass_kg = body.getMass();

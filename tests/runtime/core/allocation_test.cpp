@@ -8,6 +8,7 @@
 
 #include "core/plan/plan_preparation.hpp"
 #include "fixture.hpp"
+#include "geared.hpp"
 
 extern "C" void* __libc_malloc(std::size_t size);  // NOLINT: glibc's own, under our counter
 
@@ -27,6 +28,10 @@ int main() {
   RobotDescription calibrating = robot();
   calibrating.calibrates = true;
   Climber run(sample_plan(), calibrating);
+  const RobotDescription geared = geared_robot();
+  ControlCore geared_core(geared);
+  if (!geared_core.load_plan(sample_plan()).empty()) return EXIT_FAILURE;
+  CycleResult geared_result;
   std::vector<double> microseconds;
   bool seen_climbing = false, taken_over = false;
   for (int i = 0; i < 12000; ++i) {
@@ -51,6 +56,10 @@ int main() {
     const auto begin = std::chrono::steady_clock::now();
     run.core.step(in, run.result);
     const auto end = std::chrono::steady_clock::now();
+    counting = false;
+    const crux_msgs::control_input_t of_geared = of_actuators(geared, in);
+    counting = true;
+    geared_core.step(of_geared, geared_result);
     counting = false;
     run.plant.obey(run.result);
     seen_climbing = seen_climbing || run.core.state() == SupervisorState::kClimbing;

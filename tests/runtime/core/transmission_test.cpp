@@ -1,4 +1,4 @@
-// Actuators and joints against the golden vectors, and a robot whose actuators are its joints.
+// Actuators and joints against the golden vectors; a robot whose actuators are its joints, and one whose are not.
 #include "core/robot/transmission.hpp"
 
 #include <gtest/gtest.h>
@@ -8,6 +8,7 @@
 
 #include "../../msgs/golden_vectors.hpp"
 #include "fixture.hpp"
+#include "geared.hpp"
 
 namespace crux_test {
 namespace {
@@ -73,6 +74,40 @@ TEST(Transmission, OfARobotWithoutAnyChangesNoBit) {
     EXPECT_EQ(std::memcmp(limb.transmission.joint_torque_Nm(odd).data(), odd.data(), sizeof odd), 0);
     EXPECT_EQ(std::memcmp(limb.actuators.data(), limb.joints.data(), sizeof limb.joints), 0);
   }
+}
+
+TEST(Transmission, TheJointsOfAGearedRobotAreToldWhatOthersAreTold) {
+  RobotDescription plain = robot(), geared = geared_robot();
+  plain.servo.damping_Nms_rad.fill(0.0);  // friction is at the actuators
+  geared.servo.damping_Nms_rad.fill(0.0);
+  const crux_msgs::plan_t plan = sample_plan();
+  Climber run(plan, plain);
+  ControlCore core(geared);
+  ASSERT_EQ(core.load_plan(plan), "");
+  CycleResult told;
+  int climbed = 0;
+  for (int i = 0; i < 4000; ++i) {
+    using crux_msgs::command_t;
+    const int command = i == 1100 ? command_t::START : command_t::NONE;
+    crux_msgs::control_input_t in = of_actuators(geared, run.plant.input());
+    in.operator_command = static_cast<std::int8_t>(command);
+    core.step(in, told);
+    const CycleResult& right = run.step(command);
+    ASSERT_EQ(told.state.supervisor_state, right.state.supervisor_state) << i;
+    climbed += right.state.plan_time_s > 0.0 ? 1 : 0;
+    for (int l = 0; l < kLimbs; ++l) {
+      const Transmission& by = geared.limbs[l].transmission;
+      const auto of = [l](const double* all) { return JointVector(all + kJoints * l); };
+      const JointVector q = by.joints_rad(of(told.output.joint_position_rad));
+      ASSERT_TRUE(q.isApprox(of(right.output.joint_position_rad), 1e-7)) << i;
+      const JointVector dq = by.joint_ways(of(told.output.joint_velocity_rad_s));
+      ASSERT_LT((dq - of(right.output.joint_velocity_rad_s)).norm(), 1e-5) << i;
+      if (climbed == 0) continue;  // before that the delays of actuators are measured, each by torques of its own
+      const JointVector torque_Nm = by.joint_torque_Nm(of(told.output.joint_torque_nm));
+      ASSERT_LT((torque_Nm - of(right.output.joint_torque_nm)).norm(), 1e-5) << i;
+    }
+  }
+  EXPECT_GT(climbed, 1000);
 }
 
 }  // namespace
