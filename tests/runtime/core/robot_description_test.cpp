@@ -92,6 +92,7 @@ struct AsInTheFile {
     EXPECT_EQ(value, at(section, key).as<int>()) << section << '.' << key;
   }
   void operator()(const char* section, const char* key, const std::array<double, kJoints>& values) const {
+    if (!file[section]) return;  // left out, as all its keys have defaults
     const auto given = at(section, key).as<std::array<double, kPlacing>>();
     EXPECT_TRUE(std::equal(given.begin(), given.end(), values.begin())) << section << '.' << key;
     EXPECT_EQ(values.back(), given.back()) << section << '.' << key;
