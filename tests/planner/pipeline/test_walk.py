@@ -127,7 +127,7 @@ def test_where_a_foot_would_have_to_pull_all_are_told_to_press_harder(monkeypatc
 def _links(arrays: PlanArrays) -> tuple[Array, Array]:
     """Masses (L,) and centres of mass (L, N, 3) in W of all links at the knots but the last."""
     samples, model = on_pads(sample(arrays), ROBOT.gripper.pad_radius_m), load_model(ROBOT)
-    motions, _ = check_kinematics(samples, model, arrays.gravity_w, np.full(6, np.inf), Findings())
+    motions, *_ = check_kinematics(samples, model, arrays.gravity_w, np.full(6, np.inf), Findings())
     placed = [(model.body.mass_kg, samples.body_position + samples.rotation @ model.body.com_m)]
     for limb, motion in zip(model.limbs, motions, strict=True):
         for link in limb.links:
