@@ -1,13 +1,16 @@
 """Walls built backwards from a motion: holds are put where the limbs of a robot that climbs happen to be.
 
 A motion is drawn at random: body poses within (7), limbs that swing or stay, grasps in reach by numeric inverse
-kinematics within the joint limits. Faces get friction and spines at random. It counts where wrenches at every knot
-balance the true centre of mass as it accelerates, within an inscribed polytope of the limit surface. Such a wall has a
-plan as far as proofs and bounds know, and its cheapest one costs no more than the motion.
+kinematics within the joint limits, links off the trunk and one another by Coal. Faces get friction and spines at
+random. It counts where wrenches at every knot balance the true centre of mass as it accelerates, within an inscribed
+polytope of the limit surface. Such a wall has a plan as far as proofs and bounds know, and its cheapest one costs no
+more than the motion.
 """
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -20,13 +23,14 @@ from crux_planner.checker.geometry import Array, Flags, Indices, body_rate_matri
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import ChainState, load_model
 from crux_planner.solvers.qp import Qp
+from reach.pinocchio_limb import PinocchioLimb
 
 ROBOT = load_robot("scaler")
 DT_S, PAD_M, SIZE_M, TALL_M = 2.0, 0.035, 0.06, 0.06
 PATCH_M, SPINE_N, SPINE_NM, NORMAL_N = 0.02, 5.0, 0.05, 60.0
 K_M = PATCH_M * 2 / 3
 AIR_KNOTS, AIR_M, OPENING_M = 8, 0.1, 0.048
-SPACING_M = 0.17
+SPACING_M, APART_M = 0.17, 0.003
 SHOULDERS = np.array([[0.1355, 0.144], [0.1355, -0.144], [-0.1355, 0.144], [-0.1355, -0.144]])
 FEET = np.array([[0.14, 0.36], [0.14, -0.36], [-0.14, 0.36], [-0.14, -0.36]])
 
@@ -105,13 +109,26 @@ def _states(poses: Array, hands: Array, robot: Robot) -> list[ChainState] | None
     model, turn, many = load_model(robot), rotation_from_rpy(poses[:, 3:]), len(poses)
     places = [np.einsum("kji,kj->ki", turn, hands[:, i, :3] - poses[:, :3]) for i in range(4)]
     upright = [np.einsum("kji,kjl->kil", turn, rotation_about_z(hands[:, i, 3])) for i in range(4)]
-    states = []
-    for limb, found in zip(model.limbs, solve(model.limbs, places, upright), strict=True):
+    states, solved = [], solve(model.limbs, places, upright)
+    for limb, found in zip(model.limbs, solved, strict=True):
         inside = (found.q_rad >= limb.lower_rad).all() and (found.q_rad <= limb.upper_rad).all()
         if not inside or found.position_error_m.max() > 1e-6 or found.rotation_error_rad.max() > 1e-6:
             return None
         states.append(limb.forward(found.q_rad, np.full(many, SIZE_M / 2)))
-    return states
+    return states if all(_clear(q_rad) for q_rad in zip(*(found.q_rad for found in solved), strict=True)) else None
+
+
+@lru_cache
+def _limbs() -> list[PinocchioLimb]:
+    return [PinocchioLimb(ROBOT, limb) for limb in range(len(LIMB_NAMES))]
+
+
+def _clear(q_rad: Sequence[Array]) -> bool:
+    """Whether links keep off the trunk and those of other limbs."""
+    posed = list(zip(_limbs(), q_rad, strict=True))
+    return all(limb.off_trunk_m(q) >= 0.0 for limb, q in posed) and all(
+        one.apart_m(q, other, other_q) >= APART_M for (one, q), (other, other_q) in itertools.combinations(posed, 2)
+    )
 
 
 def _limits(random: np.random.Generator) -> Array:
