@@ -83,8 +83,8 @@ class Tried:
 
 
 def plan_by_map(climb: Climb, tried: Tried, quick: bool = False) -> tuple[PlanResult, Problem] | None:
-    """A checked plan and its problem; None where none is found. Grasps in the middle of
-    their faces come first, then also those off it.
+    """A checked plan and its problem; None where none is found. Grasps in the middle of their faces come first, then
+    also those off it.
 
     What is found out is kept in `tried`. `quick`: only with the former, and few looks at moves; none where the goal is
     far.
