@@ -104,8 +104,9 @@ struct Range {
     }
   }
 
-  [[nodiscard]] bool covers(const Range& other) const {
-    for (std::size_t i = 0; i < N; ++i) {
+  /// Whether it is all of another one, as far as the first `count` variables go.
+  [[nodiscard]] bool covers(const Range& other, std::size_t count = N) const {
+    for (std::size_t i = 0; i < count; ++i) {
       if (low[i] > other.low[i] || high[i] < other.high[i]) {
         return false;
       }

@@ -192,7 +192,7 @@ class Search {
   /// To where a limb has some option.
   bool cut_by_limb(const Body& body, const std::vector<Form>& goal, Limb& limb, Range<kVariables>& range) {
     std::optional<Range<kVariables>> left;
-    for (std::size_t k = 0; k < limb.options.size() && !(left.has_value() && covers(*left, range)); ++k) {
+    for (std::size_t k = 0; k < limb.options.size() && !(left.has_value() && left->covers(range, kBody)); ++k) {
       if (has(body, goal, limb, k, range)) {
         left.has_value() ? left->widen(limb.looked[k].range) : void(left = limb.looked[k].range);
       }
@@ -237,23 +237,13 @@ class Search {
         if (cut_by(needs, both)) {
           first.looked[i].meets = second.looked[k].meets = true;
           left.has_value() ? left->widen(both) : void(left = both);
-          if (covers(*left, range)) {
+          if (left->covers(range, kBody)) {
             return true;
           }
         }
       }
     }
     return left.has_value() && narrow(*left, range);
-  }
-
-  /// Whether the part of the body's variables that is in a range is all of another.
-  static bool covers(const Range<kVariables>& range, const Range<kVariables>& other) {
-    for (std::size_t i = 0; i < kBody; ++i) {
-      if (range.low[i] > other.low[i] || range.high[i] < other.high[i]) {
-        return false;
-      }
-    }
-    return true;
   }
 
   /// To the part of the body's variables that is in another range.
