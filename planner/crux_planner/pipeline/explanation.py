@@ -23,39 +23,10 @@ LACKING_N = 0.01  # a balance that lacks less is met
 
 def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilibrium) -> None:
     """Raise ScenarioError where a start grasp is out of reach or the start is not in equilibrium."""
-    rotation = rotation_from_rpy(problem.start.rpy_rad)
     for limb, name in enumerate(LIMB_NAMES):
-        contact = problem.contacts[problem.start_contacts[limb]]
-        if contact.tilted:
-            if not within_limits(problem.limb_masses[limb].limb, problem.start, contact.pose):
-                hold = _place_text(problem, problem.start_contacts[limb])
-                text = "out of reach within the joint limits with the gripper turned as the hold is"
-                raise wrong(scenario, f"start.grasps.{name}.hold", hold, text)
-            continue
-        place = rotation.T @ (contact.centre_h_m - problem.start.position_m)
-        widest = problem.limb_reach.inner
-        lacking = min(float(reach.beyond(limb, place).max()) for reach in (problem.boxes, widest))
-        if lacking > 0:
-            outside = _outside_m(scenario, problem, limb)
-            text = f"{1000 * lacking:.0f} mm beyond {PLANNED_REACH}"
-            if outside > 0:
-                text = f"out of reach by {1000 * outside:.0f} mm within the joint limits"
-            centre, half = widest.centre_b_m[limb], widest.half_m
-            axis = int(np.argmax(np.abs(place - centre) - half))
-            low, high = centre[axis] - half[axis], centre[axis] + half[axis]
-            if not low <= place[axis] <= high:
-                text += f": the gripper would be at {'xyz'[axis]} = {place[axis]:.3f} m in the body frame, "
-                text += f"crux plans with {low:.3f}..{high:.3f} m for {name}"
+        if (missing := _missing_reach(scenario, problem, limb)) is not None:
             hold = _place_text(problem, problem.start_contacts[limb])
-            raise wrong(scenario, f"start.grasps.{name}.hold", hold, text)
-        own = problem.limb_masses[limb].limb
-        if contact.bears and not own.closed_form and not within_limits(own, problem.start, contact.pose):
-            turn = np.degrees(contact.yaw_rad - problem.start.rpy_rad[2])
-            text = f"out of reach within the joint limits with the gripper turned by {turn:.0f} degrees to the body"
-            if (off_rad := missing_turn_rad(own, problem.start, contact.pose)) > 0:
-                off = f"it would stand {np.degrees(off_rad):.1f} degrees off"
-                text = f"the {len(own.joints)} joints of {name} cannot turn the gripper so: {off}"
-            raise wrong(scenario, f"start.grasps.{name}", _place_text(problem, problem.start_contacts[limb]), text)
+            raise wrong(scenario, f"start.grasps.{name}.hold", hold, missing)
     stance = problem.start_contacts
     at = problem.start.position_m
     no_balance = equilibrium.position(stance, at, at, at) is None
@@ -63,6 +34,31 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
         text = f"not in equilibrium: friction, spines and contact.max_normal_N fall short by {lacking:.1f} N"
         cure = "give the grasped faces more friction, or the body another place"
         raise wrong(scenario, "start.grasps", _stance_text(problem, stance), f"{text}; {cure}")
+
+
+def _missing_reach(scenario: Scenario, problem: Problem, limb: int) -> str | None:
+    """Why a limb cannot hold on where the climb starts; None where it can, wherever its hold may be."""
+    contact, own, start = problem.contacts[problem.start_contacts[limb]], problem.limb_masses[limb].limb, problem.start
+    place = rotation_from_rpy(start.rpy_rad).T @ (contact.centre_h_m - start.position_m)
+    inner = problem.limb_reach.inner
+    reached = within_limits(own, start, contact.pose)
+    if problem.nominal is not None:
+        reached &= bool((inner.beyond(limb, place) <= 0.0).all())
+    if reached or not (contact.bears or own.closed_form):
+        return None
+    if (off_rad := missing_turn_rad(own, start, contact.pose)) > 0:
+        off = f"it would stand {np.degrees(off_rad):.1f} degrees off"
+        return f"the {len(own.joints)} joints of {LIMB_NAMES[limb]} cannot turn the gripper so: {off}"
+    outside, turn = _outside_m(scenario, problem, limb), np.degrees(contact.yaw_rad - start.rpy_rad[2])
+    text = f"out of reach by {1000 * outside:.0f} mm" if outside > 0 else "out of reach"
+    text += f" within the joint limits with the gripper turned by {turn:.0f} degrees to the body"
+    centre, half = inner.centre_b_m[limb], inner.half_m
+    axis = int(np.argmax(np.abs(place - centre) - half))
+    low, high = centre[axis] - half[axis], centre[axis] + half[axis]
+    if low <= place[axis] <= high:
+        return text
+    at = f"{'xyz'[axis]} = {place[axis]:.3f} m in the body frame"
+    return f"{text}: it would be at {at}; {low:.3f}..{high:.3f} m is the middle of what {LIMB_NAMES[limb]} reaches"
 
 
 def _outside_m(scenario: Scenario, problem: Problem, limb: int) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.hands import UPRIGHT, hands_of, rotations
 from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.poses import within_limits
 from crux_planner.model.problem import Goal, Pose, Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.reach.poses import GripperPoses
@@ -103,16 +104,15 @@ def clear_start(problem: Problem, swings: SwingCache) -> Stance | None:
     """
     start = problem.start_contacts
     options = []
-    rotation = rotation_from_rpy(problem.start.rpy_rad)
     for limb, centred in enumerate(start):
+        own = problem.limb_masses[limb].limb
         wanted = problem.contacts[centred]
         near = []
         for i, c in enumerate(problem.contacts):
             if (c.hold, c.finger1_face, c.spines_only) != (wanted.hold, wanted.finger1_face, wanted.spines_only):
                 continue
-            place = rotation.T @ (c.centre_h_m - problem.start.position_m)
             aside = float(np.linalg.norm(c.centre_h_m - wanted.centre_h_m))
-            if c.yaw_rad == wanted.yaw_rad and (problem.boxes.beyond(limb, place) <= 0.0).all():
+            if c.yaw_rad == wanted.yaw_rad and within_limits(own, problem.start, c.pose):
                 near.append((aside, i))
         options.append(near)
     equilibrium, at = StaticEquilibrium(problem, problem.friction_share), problem.start.position_m

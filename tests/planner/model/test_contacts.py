@@ -95,5 +95,5 @@ def test_a_start_is_gripped_with_the_finger_on_the_face_that_the_limb_reaches(tm
     assert yaws == pytest.approx([-np.pi / 2, np.pi / 2, -np.pi / 2, np.pi / 2])
     text["start"]["grasps"]["RF"]["finger1"] = "-y"  # turned the other way
     wrong = build_problem(scenario(text), robot)
-    with pytest.raises(ScenarioError, match=r"start\.grasps\.RF: RF-low: out of reach.*by -90 degrees"):
+    with pytest.raises(ScenarioError, match=r"start\.grasps\.RF\.hold: RF-low: out of reach.*by -90 degrees"):
         check_start(scenario(text), wrong, StaticEquilibrium(wrong, wrong.friction_share))

@@ -26,7 +26,7 @@ from crux_planner.pipeline.message import PlanResult
 from crux_simulation.benchmarks.random_fields import random_field
 from crux_simulation.benchmarks.random_walls import random_wall
 from shared_plans import unproven
-from walls import scenario, two_rows
+from walls import one_move, scenario, two_rows
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 LIMBS = {"LF": (1, 1), "RF": (1, -1), "LR": (0, 1), "RR": (0, -1)}
@@ -60,6 +60,18 @@ def ladder(gap_m: float, slope_deg: float, *, staggered_m: float = 0.0, without:
         "goal": {"body": goal},
     }
     return yaml.safe_dump(document, sort_keys=False)
+
+
+@pytest.mark.parametrize("position_m", [[0.44, 0.26], [-0.02, 0.2], [0.02, 0.47]])
+def test_a_climb_starts_wherever_joint_limits_let_its_limbs_hold(position_m: list[float], robot: Robot) -> None:
+    """Far ahead, near the body and far aside: outside every inner box and polytope of reach."""
+    wall = one_move()
+    wall["holds"][0]["position_m"] = position_m
+    read = scenario(wall)
+    problem = build_problem(read, robot)
+    place = problem.contacts[problem.start_contacts[0]].centre_h_m - problem.start.position_m
+    assert all((reach.beyond(0, place) > 0.0).any() for reach in (problem.boxes, problem.limb_reach.inner))
+    assert unproven(read, robot).check.ok
 
 
 @pytest.mark.sweep
