@@ -55,5 +55,5 @@ class _NotStarted(Worker):
 def unproven(scenario: Scenario, robot: Robot, **how: Any) -> PlanResult:
     """`crux_planner.plan` without the bound of the cost, which takes more than half of the computing."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("crux_planner.pipeline.entry.Worker", _NotStarted)
+        patch.setattr("crux_planner.pipeline.at_once.Worker", _NotStarted)
         return crux_planner.plan(scenario, robot, **how)

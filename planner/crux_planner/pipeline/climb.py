@@ -31,7 +31,11 @@ TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds 
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
 
 
-def plan(session: Session, worker: Worker, prove_s: float | None = None) -> PlanResult:
+InParts = Callable[[Climb], PlanResult | None]
+"""A checked plan of a far climb, part by part; None where it finds none."""
+
+
+def plan(session: Session, worker: Worker, prove_s: float | None = None, in_parts: InParts | None = None) -> PlanResult:
     """Plan a climb and check it.
 
     The gap is what a bound beside the planning, in `worker`, proves of plans of as many steps with a fixed amount of
@@ -56,7 +60,7 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
     try:
         if session.method != "auto":
             return _plan_by_method(climb)
-        return _plan_anyhow(searching)
+        return _plan_anyhow(searching, in_parts)
     except InfeasibleError as none:
         work.bound = None
         worker.stop()  # what it bounds is of no use any more
@@ -65,9 +69,9 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
         raise reason.out_of_time() if late and not isinstance(reason, HorizonError) else reason from None
 
 
-def _plan_anyhow(climb: Climb) -> PlanResult:
-    """By map; where that finds nothing soon for a goal that is far, with limbs in their boxes, then by map with grasps
-    off the middle too, and last with limbs in their boxes and in the larger convex pieces of their reach.
+def _plan_anyhow(climb: Climb, in_parts: InParts | None) -> PlanResult:
+    """By map; where that finds nothing soon for a goal that is far, with limbs in their boxes and then in parts; by map
+    with grasps off the middle too, and last with limbs in their boxes and in the larger convex pieces of their reach.
     """
     tried, none_level = Tried(), None
     if (quick := plan_by_map(climb, tried, quick=True)) is not None:
@@ -79,6 +83,8 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
         if isinstance(found, PlanResult):
             return found
         none_level = found
+        if in_parts is not None and (joined := in_parts(climb)) is not None:
+            return _with_gap(climb, joined)
     held = tried.held_at_goal(climb)
     proof = None if held else disproved(climb, none_level)
     if (by_map := plan_by_map(climb, tried)) is not None:

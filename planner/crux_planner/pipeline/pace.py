@@ -106,7 +106,6 @@ def least_times_s(series: PlanSeries, robot: Robot, shares: SwingShares) -> Arra
 def set_times(plan: plan_t, step_s: Array, problem: Problem) -> None:
     """The plan with these times of its intervals (N,), in place: velocities, and wrenches that balance the body."""
     series = plan_series(plan)
-    loads = _Loads.of(series, problem)
     slower = np.diff(series.time_s) / step_s
     slower = np.append(slower, slower[-1])
     velocity, rate = (slower[:, None] * v for v in (series.body_velocity_m_s, series.body_angular_velocity_b_rad_s))
@@ -118,12 +117,22 @@ def set_times(plan: plan_t, step_s: Array, problem: Problem) -> None:
     ]
     turned = rotation_from_rpy(series.body_rpy_rad[:-1])
     twist = np.einsum("kij,kj->ki", turned, spun[0] - spun[1])
-    forces, moments = loads.changed(np.hstack([problem.mass_kg * push, twist]))
+    bear_more(plan, np.hstack([problem.mass_kg * push, twist]), problem)
     times = np.concatenate([[0.0], np.cumsum(step_s)])
     for k, knot in enumerate(plan.knots):
         knot.time_s = float(times[k])
         knot.body_velocity_w_m_s = velocity[k].tolist()
         knot.body_angular_velocity_b_rad_s = rate[k].tolist()
+    plan.plan_id = plan_id(plan)
+
+
+def bear_more(plan: plan_t, lack: Array, problem: Problem) -> None:
+    """The plan with so much more force and moment about its centre of mass, `lack` (N, 6) in W, on the robot, in place:
+    see `_Loads.changed`.
+    """
+    series = plan_series(plan)
+    forces, moments = _Loads.of(series, problem).changed(lack)
+    for k, knot in enumerate(plan.knots):
         for limb in np.flatnonzero(series.stance[k]):
             knot.limbs[limb].finger_force_w_n = forces[k, limb].ravel().tolist()
             knot.limbs[limb].finger_moment_w_nm = moments[k, limb].ravel().tolist()

@@ -19,10 +19,10 @@ from crux_planner.model.build import build_problem, start_contacts, start_inerti
 from crux_planner.model.poses import check_body, pose_in_heading_frame
 from crux_planner.model.problem import Pose, Problem
 from crux_planner.model.schedule import Schedule
+from crux_planner.pipeline.at_once import plan_at_once
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.by_joints import UNLIMITED
 from crux_planner.pipeline.by_map import Tried, plan_by_map
-from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.explanation import explain
 from crux_planner.pipeline.fallback import ATTEMPTS, without_blamed
 from crux_planner.pipeline.message import PlanResult
@@ -108,7 +108,7 @@ class Planner:
             work.log("the quick ways found no plan that passes the check; planning from scratch")
             left = max(scenario.horizon.steps, self.scenario.horizon.steps - first)
             scenario = rewritten(scenario, steps=left)
-            return plan(scenario, self.robot, time_limit_s=max(deadline - clock.now(), 1.0), log=log)
+            return plan_at_once(scenario, self.robot, time_limit_s=max(deadline - clock.now(), 1.0), log=log)
         result = paced(result, scenario, self.robot, work)
         result.seconds, result.computed_s = work.took_s()
         return result

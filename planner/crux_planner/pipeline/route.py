@@ -22,7 +22,7 @@ from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_z
-from crux_planner.pipeline.entry import plan
+from crux_planner.pipeline.at_once import plan_at_once
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.replan import Planner
 from crux_planner.pipeline.restart import grasps_at
@@ -92,6 +92,12 @@ def plan_route(
         yield held.result
 
 
+def is_long(scenario: Scenario) -> bool:
+    """Whether a route makes more than one part."""
+    way = np.subtract(scenario.goal.body.position_m, scenario.start.body.position_m)
+    return float(np.linalg.norm(way[:2])) > LAST_SHARE * WAY_M
+
+
 @dataclass(frozen=True)
 class _Part:
     result: PlanResult
@@ -141,7 +147,8 @@ class _Parts:
             part = self._route.part(self._start, self._grasps, goal)
             with suppress(InfeasibleError):
                 yield _Part(
-                    plan(part, self._route.robot, time_limit_s=THOROUGH * self._time_limit_s, log=self._log), last
+                    plan_at_once(part, self._route.robot, time_limit_s=THOROUGH * self._time_limit_s, log=self._log),
+                    last,
                 )
 
 

@@ -1,0 +1,33 @@
+"""Far climbs that only the parts of a route lead to, as one plan."""
+
+from __future__ import annotations
+
+import numpy as np
+from crux_contracts.plan_file import plan_id
+from crux_contracts.robot import Robot
+from crux_planner.checker import check_plan
+from crux_planner.model.build import build_problem
+from crux_planner.pipeline.route import is_long
+from shared_plans import unproven
+from walls import scattered, scenario, two_rows
+
+
+def test_a_far_climb_over_scattered_holds_is_one_plan_of_parts(robot: Robot) -> None:
+    """Its own inertia and speeds hold all along, though every part has those of its own first pose."""
+    wall = scenario(scattered(8, rise_m=1.5, count=44))
+    result = unproven(wall, robot)
+    assert "parts" in result.timing
+    assert result.plan.plan_id == plan_id(result.plan)
+    report = check_plan(result.plan, robot)
+    assert report.ok
+    assert result.cost == result.plan.cost == report.cost
+    body, stance = result.arrays.body_position_m, result.arrays.stance
+    assert np.linalg.norm(body[-1] - wall.goal.body.position_m) <= wall.goal.tolerance_m
+    standing = stance[1:-1].all(axis=1) & (np.abs(np.diff(body, axis=0)).max(axis=1)[1:] < 1e-9)
+    assert standing.any()  # at rest where a part ends
+    assert len(result.arrays.time_s) - 1 == result.steps <= build_problem(wall, robot).steps
+
+
+def test_a_climb_of_one_part_is_no_route() -> None:
+    assert is_long(scenario(scattered(8, rise_m=1.5, count=44)))
+    assert not is_long(scenario(two_rows()))
