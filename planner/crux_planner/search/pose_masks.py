@@ -42,6 +42,8 @@ LEVEL_RAD = 0.03  # tilts of start and goal up to which a level body stands for 
 
 Gripper = tuple[float, ...]
 """A hand in H, see model.hands."""
+MomentKey = tuple[Gripper | Contacts, ...]
+"""Where all grippers are at a moment, and the contacts that limbs hold on to."""
 
 
 def grid_about(problem: Problem, step_m: float, step_rad: float, pad_m: float, pad_rad: float) -> BodyGrid:
@@ -96,6 +98,7 @@ class PoseMasks:
     ) -> None:
         self.problem, self.grid, self.clear_m = problem, grid, clear_m
         self.reaches = reaches_of(robot, margin_rad, clear_m)
+        self.at_moments: dict[MomentKey, Flags] = {}  # of the last schedule that was looked at
         self._held: dict[tuple[int, Gripper], Flags] = {}
         self._apart: dict[tuple[Gripper | int | None, ...], tuple[Flags, Flags]] = {}
 

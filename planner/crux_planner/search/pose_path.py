@@ -15,7 +15,7 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Contacts, Schedule, Stance, stance_after
 from crux_planner.search.body_path import SPEED_SHARE
-from crux_planner.search.pose_masks import Footing, Gripper, PoseMasks, gripper, grown, tilts_of
+from crux_planner.search.pose_masks import Footing, Gripper, MomentKey, PoseMasks, gripper, grown, tilts_of
 from crux_planner.search.schedule import TURN_SHARE
 
 Cell = tuple[int, ...]
@@ -51,24 +51,31 @@ class Moments:
         self.contacts.append(contacts)
 
     def masks(self, masks: PoseMasks, footing: Footing) -> list[Flags]:
-        """Poses at each from which all limbs are in reach and the body balances."""
-        found: dict[tuple[object, ...], Flags] = {}
-        series = []
+        """Poses at each from which all limbs are in reach and the body balances. Those of the schedule before are kept
+        in `masks`: the next one differs in few moments.
+        """
+        found, series = dict[MomentKey, Flags](), []
         for grippers, held in zip(self.grippers, self.contacts, strict=True):
-            key = (*grippers, held)
+            key: MomentKey = (*grippers, held)
             if key not in found:
-                mask = np.ones(masks.grid.shape, dtype=bool)
-                if None in held:
-                    stands = footing.stands(held, np.mean([there[:3] for there in grippers], axis=0))
-                    mask &= False if stands is None else stands
-                stay = [limb for limb, contact in enumerate(held) if contact is not None]
-                for limb in stay:
-                    mask &= masks.held(limb, grippers[limb])
-                for limb in {*range(4)} - {*stay}:
-                    mask = masks.held_within(mask, limb, grippers[limb])
-                found[key] = mask
+                known = masks.at_moments.get(key)
+                found[key] = self._mask(masks, footing, grippers, held) if known is None else known
             series.append(found[key])
+        masks.at_moments = found
         return series
+
+    @staticmethod
+    def _mask(masks: PoseMasks, footing: Footing, grippers: list[Gripper], held: Contacts) -> Flags:
+        mask = np.ones(masks.grid.shape, dtype=bool)
+        if None in held:
+            stands = footing.stands(held, np.mean([there[:3] for there in grippers], axis=0))
+            mask &= False if stands is None else stands
+        stay = [limb for limb, contact in enumerate(held) if contact is not None]
+        for limb in stay:
+            mask &= masks.held(limb, grippers[limb])
+        for limb in {*range(4)} - {*stay}:
+            mask = masks.held_within(mask, limb, grippers[limb])
+        return mask
 
 
 @dataclass(frozen=True)
