@@ -45,8 +45,9 @@ _OUT_S = 1.0  # about a moment at which a limb is out of reach
 _MOST_APART_M = 0.012  # from where the path is kept to
 _SAME_SHARE = 0.15  # of an interval, within which moments are one
 _UNREACHED = ("inverse_kinematics", "inverse_kinematics_orientation")
+_APART = ("clearance_limbs",)
 _OFF_SURFACES = ("clearance_body", "clearance_link")  # answered where there are bounded ones
-_ANSWERED = ("joint_position", *_UNREACHED, "clearance_limbs")
+_ANSWERED = ("joint_position", *_UNREACHED)
 _STRETCHED_RAD = 0.02  # off a straight elbow where the check finds a gripper beyond reach
 _ALONG_M = 0.02  # of the map's path, where limbs have no closed form
 _NEAR_M = 0.02  # of the map's path, where links come too near to each other; a quarter of it the second time
@@ -91,9 +92,9 @@ def solve_by_joints(
         refused = _worst(report, problem.dt_s)
         work.log(f"{refused_by(report)}; once more with less of those joints or of their reach")
         seen = partial(_moment, plan, problem, solution.body)
-        by_path = _OFF_SURFACES if problem.surfaces.names else ()
-        answer, others = _answered(limits, report, seen, clear, by_path)
-        if any(each.constraint == "clearance_limbs" for each in report.violations):
+        apart = (*_APART, *_OFF_SURFACES) if problem.surfaces.names else _APART
+        answer, others = _answered(limits, report, seen, clear, apart)
+        if any(each.constraint in apart for each in report.violations):
             answer = functions.nearer(answer, schedule, begun.path, solution.body)
         again = (answer.near_m != limits.near_m).any()
         easier = _easier(problem, replace(report, violations=others), schedule, solution.body) if others else None
@@ -151,28 +152,25 @@ def _answered(
     report: CheckReport,
     seen: Callable[[float], tuple[Moment, Array]],
     clear: Clear,
-    by_path: tuple[str, ...] = (),
+    apart: tuple[str, ...] = _APART,
 ) -> tuple[JointLimits, list[Violation]]:
     """Limits under which joints and links may pass, and the violations that limits do not answer; `seen` is what there
-    is at a time, and the body's pose; those of constraints `by_path` are answered by keeping the body near its path.
+    is at a time, and the body's pose; those of constraints `apart` are answered by planes between what is too near to
+    each other, or by keeping the body near its path.
     """
     others, moments, near_m = list[Violation](), list(limits.moments), limits.near_m.copy()
     unreached = [each.time_s for each in report.violations if each.constraint in _UNREACHED and each.time_s is not None]
     for each in report.violations:
         beside = each.time_s is not None and any(abs(each.time_s - time_s) <= _OUT_S for time_s in unreached)
-        if beside and each.constraint not in _ANSWERED:
+        if beside and each.constraint not in (*_ANSWERED, *_APART):
             continue  # of a posture that is none: to be seen where the limb reaches
-        if each.time_s is not None and each.constraint in by_path:
-            if not _kept_nearer(near_m, limits.near_m, seen(each.time_s)[0].interval):
-                others.append(each)
-            continue
-        if each.time_s is None or each.constraint not in _ANSWERED:
+        if each.time_s is None or each.constraint not in (*_ANSWERED, *apart):
             others.append(each)
             continue
         here, pose = seen(each.time_s)
-        if each.constraint == "clearance_limbs":
+        if each.constraint in apart:
             here = replace(here, clear=clear(pose, here.hands))
-            if here.clear is None:
+            if here.clear is None and each.constraint in _APART:
                 others.append(each)
                 continue
         number = next((i for i, known in enumerate(moments) if known.near(here, _SAME_SHARE)), len(moments))
@@ -180,7 +178,7 @@ def _answered(
         if known is None or known.off is None:  # or found a moment ago
             moments[number : number + 1] = [here]
             continue
-        far = each.constraint == "clearance_limbs" and known.apart_m >= _MOST_APART_M
+        far = each.constraint in apart and known.apart_m >= _MOST_APART_M
         if far and not _kept_nearer(near_m, limits.near_m, here.interval):
             others.append(each)
         moments[number] = _farther(known, here, each)
@@ -200,7 +198,7 @@ def _kept_nearer(near_m: Array, before_m: Array, interval: int) -> bool:
 def _farther(known: Moment, here: Moment, violation: Violation) -> Moment:
     """A moment that was looked at, as it is now, with more margin for what is violated."""
     margin_rad, apart_m = known.margin_rad.copy(), known.apart_m
-    if violation.constraint == "clearance_limbs":
+    if violation.constraint in (*_APART, *_OFF_SURFACES):
         apart_m += violation.amount + _MORE_M
     else:
         joint, lacking_rad = violation.joint, violation.amount

@@ -28,7 +28,7 @@ def off_slabs(grid: BodyGrid, trunk: Sequence[Box], slabs: Cuboids, clear_m: flo
         to_h = rotation_from_rpy(np.array([roll, pitch, yaw]))
         for box, slab in itertools.product(trunk, range(len(slabs.yaw_rad))):
             turned, own = to_h @ box.rotation, slabs.rotation[slab]
-            axes = _axes(turned, own)
+            axes = axes_between(turned, own)
             sizes = np.abs(axes @ turned) @ box.half_m + np.abs(axes @ own) @ slabs.half_m[slab]
             middle = slabs.foot_m[slab] + own[:, 2] * slabs.half_m[slab, 2]
             gaps = np.abs((places + to_h @ box.centre_m - middle) @ axes.T) - sizes
@@ -39,8 +39,7 @@ def off_slabs(grid: BodyGrid, trunk: Sequence[Box], slabs: Cuboids, clear_m: flo
 def links_off_slabs(poses: Array, links: Links, slabs: Cuboids, clear_m: float) -> Flags:
     """(n,) whether all links of a limb but its gripper's are so far off every slab, for body poses (n, 6)."""
     clear, to_h = np.ones(len(poses), dtype=bool), rotation_from_rpy(poses[:, 3:])
-    middles = slabs.foot_m + slabs.rotation[:, :, 2] * slabs.half_m[:, 2:]
-    boxes = [Box(*each) for each in zip(middles, slabs.rotation, slabs.half_m, strict=True)]
+    boxes = boxes_of(slabs)
     for index in np.flatnonzero(~links.hand):
         ends = (links.start_m[:, index], links.end_m[:, index])
         start, end = (poses[:, :3] + (to_h @ each[..., None])[..., 0] for each in ends)
@@ -51,7 +50,13 @@ def links_off_slabs(poses: Array, links: Links, slabs: Cuboids, clear_m: float) 
     return clear
 
 
-def _axes(one: Array, two: Array) -> Array:
+def boxes_of(slabs: Cuboids) -> tuple[Box, ...]:
+    """In H."""
+    middles = slabs.foot_m + slabs.rotation[:, :, 2] * slabs.half_m[:, 2:]
+    return tuple(Box(*each) for each in zip(middles, slabs.rotation, slabs.half_m, strict=True))
+
+
+def axes_between(one: Array, two: Array) -> Array:
     """(n, 3) directions, of the faces of two boxes with these axes and across their edges, along which they are apart
     if they are apart at all.
     """

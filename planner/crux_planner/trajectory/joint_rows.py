@@ -78,7 +78,7 @@ class JointFunctions(StageFunctions):
     @cached_property
     def ends(self) -> Ends:
         """Of the limbs' capsules."""
-        return Ends(self.reaches)
+        return Ends(self.reaches, self.problem.surfaces.slabs)
 
     @cached_property
     def _placed(self) -> Mapped:
@@ -88,10 +88,16 @@ class JointFunctions(StageFunctions):
         masses = [each.numbers for each in self.problem.limb_masses]
 
         def read() -> Mapped:
-            given = [reach.limb for reach in self.reaches], self.ends.of_limb, masses, self.problem.hand_numbers
+            given = (
+                [reach.limb for reach in self.reaches],
+                self.ends.of_limb,
+                self.ends.corners,
+                masses,
+                self.problem.hand_numbers,
+            )
             return Mapped.kept(("joints", given), self._make_placed)
 
-        own = _Same(self.reaches), np.array(masses).tobytes(), self.problem.hand_numbers
+        own = _Same(self.reaches), np.array(masses).tobytes(), self.problem.hand_numbers, len(self.ends.corners)
         return Mapped.once(("joints", *own), read)
 
     def _make_placed(self) -> Mapped:
@@ -105,6 +111,9 @@ class JointFunctions(StageFunctions):
             for frame, place in self.ends.of_limb[i]:
                 origin, *axes = frames[frame]
                 places.append(origin + sum(float(p) * axis for p, axis in zip(place, axes, strict=True)))
+        if len(self.ends.corners):
+            turn = rotation(x[3:6])
+            places += [x[0:3] + turn @ place for place in (*places, *map(ca.DM, self.ends.corners))]
         rows = ca.vertcat(*joints, *places)
         multiplier = ca.SX.sym("z", rows.size1())
         hessian = ca.hessian(ca.dot(multiplier, rows), x)[0][:POSE, :POSE]
@@ -164,7 +173,7 @@ class JointFunctions(StageFunctions):
         as near to these as links keep far enough off each other.
         """
         path = body.copy()
-        path[:, :POSE] = farthest_clear(self.reaches, first[:, :POSE], body[:, :POSE], hands_of(schedule.poses))
+        path[:, :POSE] = farthest_clear(self.ends, first[:, :POSE], body[:, :POSE], hands_of(schedule.poses))
         return replace(limits, path=path)
 
     def grippers(self, schedule: Schedule) -> Array:

@@ -1,4 +1,5 @@
-"""Planes that keep links off the trunk and off other limbs in the exact P1, about a path of the body.
+"""Planes that keep links off the trunk and off other limbs, and trunk and links off bounded surfaces, in the exact P1,
+about a path of the body.
 
 Links are capsules. A row says how far one end of a capsule is along a plane's normal, or how much farther one limb's
 end is than another's. Where all ends are on their side, the capsules are apart, whatever the normal: it comes from the
@@ -13,25 +14,27 @@ from itertools import combinations, product
 import numpy as np
 
 from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.model.cuboids import NO_CUBOIDS, Cuboids
 from crux_planner.model.hands import rotations
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.reach import between, solids
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.protocol import Reach
 from crux_planner.reach.solids import Links
+from crux_planner.reach.trunk_clearance import boxes_of, links_off_slabs
+from crux_planner.trajectory.box_planes import CORNERS, capsules_off, places, trunk_clear, trunk_off
 
 OFF_M = 0.0045  # of links: half as much again as the check asks for
-_NEAR_TRUNK_M, _NEAR_LIMB_M = 0.15, 0.1  # links farther off need no plane
-_ALONG = np.linspace(0.0, 1.0, 17)  # samples of a link
+_NEAR_LIMB_M = 0.1  # links farther off need no plane
 _SHARES = (0.2, 0.4, 0.6, 0.8, 0.9, 1.0)  # of the way from a path that are looked at
 _LEAST_WAY_M = 1e-6  # capsules whose axes meet have no plane between them
 
 
 @dataclass(frozen=True)
 class Planes:
-    """Of N knots, R rows each: normals (N, R, 3) in the body frame, numbers (N, R) of two ends, and how much farther
+    """Of N knots, R rows each: normals (N, R, 3) in the ends' frame, numbers (N, R) of two ends, and how much farther
     (N, R) the first end is along the normal than the second at least, -inf where there is no row. The number after all
-    ends' is that of the body's origin.
+    ends' is that of the body's origin, or of H's.
     """
 
     normals: Array
@@ -54,10 +57,12 @@ def unpacked(packed: Array) -> tuple[Array, Indices, Indices]:
 
 
 class Ends:
-    """Of all capsules of all limbs, numbered; a ball has one."""
+    """Of all capsules of all limbs, numbered; a ball has one. Beside bounded surfaces also the same ends in H, which
+    are as many numbers on, and then the corners of the trunk in H.
+    """
 
-    def __init__(self, reaches: tuple[Reach, ...]) -> None:
-        self.reaches = reaches
+    def __init__(self, reaches: tuple[Reach, ...], slabs: Cuboids = NO_CUBOIDS) -> None:
+        self.reaches, self.slabs = reaches, slabs
         self.of_limb: list[list[tuple[int, Array]]] = []
         """Frame of the capsule, and place in it."""
         self.numbers: list[list[list[int]]] = []
@@ -74,6 +79,12 @@ class Ends:
             self.of_limb.append(mine)
             self.numbers.append(numbers)
             self.count += len(mine)
+        self.links = self.count  # ends in the body frame
+        self.corners = np.zeros((0, 3))
+        if len(slabs.yaw_rad):
+            trunk = reaches[0].keep_off.trunk
+            self.corners = np.vstack([box.centre_m + (CORNERS * box.half_m) @ box.rotation.T for box in trunk])
+            self.count += self.links + len(self.corners)
 
 
 def planes_about(ends: Ends, path: Array, hands: Array, apart_m: Array) -> Planes:
@@ -87,6 +98,7 @@ def planes_about(ends: Ends, path: Array, hands: Array, apart_m: Array) -> Plane
         rows += _off_trunk(ends, limb, links[limb], apart_m)
     for pair in combinations(range(len(links)), 2):
         rows += _off_each_other(ends, pair, links, apart_m)
+    rows += _off_surfaces(ends, path, links, apart_m)
     if not rows:
         none = np.zeros((len(path), 0))
         return Planes(none[..., None].repeat(3, axis=2), none.astype(int), none.astype(int), none)
@@ -98,17 +110,20 @@ def planes_about(ends: Ends, path: Array, hands: Array, apart_m: Array) -> Plane
     return Planes(normals, numbers[0][order], numbers[1][order], np.take_along_axis(least, order, axis=1))
 
 
-def farthest_clear(reaches: tuple[Reach, ...], path: Array, body: Array, hands: Array) -> Array:
+def farthest_clear(ends: Ends, path: Array, body: Array, hands: Array) -> Array:
     """Of body poses (N, 6) on the straight way from a path's to others, the last of some at which links keep `OFF_M`
-    off the trunk and off each other, which they do on the path.
+    off the trunk and off each other, and both off bounded surfaces, which they do on the path.
     """
-    found = path.copy()
+    found, reaches, slabs = path.copy(), ends.reaches, ends.slabs
     for share in _SHARES:
         poses = path + share * (body - path)
         seen = _seen(poses, hands)
         links = [reach.links(each) for reach, each in zip(reaches, seen, strict=True)]
         clear = [between.apart(*pair, OFF_M, hands=False) for pair in combinations(links, 2)]
         clear += [solids.off_trunk(reach.keep_off, each, OFF_M) for reach, each in zip(reaches, links, strict=True)]
+        if len(slabs.yaw_rad):
+            clear.append(trunk_clear(reaches[0].keep_off.trunk, boxes_of(slabs), poses, OFF_M))
+            clear += [links_off_slabs(poses, each, slabs, OFF_M) for each in links]
         every = np.logical_and.reduce(clear)
         found[every] = poses[every]
     return found
@@ -130,24 +145,28 @@ def _off_trunk(ends: Ends, limb: int, links: Links, apart_m: Array) -> list[_Row
     reach = ends.reaches[limb]
     count = len(reach.keep_off.links)
     start, end, radius = links.start_m[:, :count], links.end_m[:, :count], links.radius_m[:count]
-    points = start[:, :, None] + _ALONG[:, None] * (end - start)[:, :, None]
-    normals, least = np.zeros((len(start), count, 3)), np.full((len(start), count), -np.inf)
-    nearest = np.full(least.shape, _NEAR_TRUNK_M)
-    for box in reach.keep_off.trunk:
-        seen = (points - box.centre_m) @ box.rotation
-        off = seen - np.clip(seen, -box.half_m, box.half_m)
-        gap = np.linalg.norm(off, axis=-1)
-        which = np.argmin(gap, axis=-1)[..., None]
-        gap = np.take_along_axis(gap, which, axis=-1)[..., 0]
-        away = np.take_along_axis(off, which[..., None], axis=2)[:, :, 0] / np.maximum(gap, 1e-9)[..., None]
-        normal = away @ box.rotation.T
-        border = normal @ box.centre_m + np.abs(away) @ box.half_m + radius + apart_m[:, None]
-        here = np.minimum(*((each * normal).sum(axis=-1) for each in (start, end)))
-        near = (gap > 0.0) & (gap < nearest)
-        wanted = np.minimum(border, here + apart_m[:, None] - OFF_M)
-        normals[near], least[near], nearest[near] = normal[near], wanted[near], gap[near]
+    normals, least = capsules_off(reach.keep_off.trunk, (start, end), radius, apart_m, OFF_M)
     numbers = ends.numbers[limb][:count]
     return [(normals[:, i], end, ends.count, least[:, i]) for i, each in enumerate(numbers) for end in each]
+
+
+def _off_surfaces(ends: Ends, path: Array, links: list[Links], apart_m: Array) -> list[_Row]:
+    """Of the links but the grippers', and of the trunk."""
+    rows: list[_Row] = []
+    for slab in boxes_of(ends.slabs):
+        for limb, own in enumerate(links):
+            some = np.flatnonzero(~own.hand)
+            both = places(path, own.start_m[:, some]), places(path, own.end_m[:, some])
+            normals, least = capsules_off((slab,), both, own.radius_m[some], apart_m, OFF_M)
+            for i, capsule in enumerate(some):
+                rows += [
+                    (normals[:, i], ends.links + end, ends.count, least[:, i]) for end in ends.numbers[limb][capsule]
+                ]
+        for number, box in enumerate(ends.reaches[0].keep_off.trunk):
+            normal, wanted = trunk_off(box, slab, path, apart_m, OFF_M)
+            first = 2 * ends.links + len(CORNERS) * number
+            rows += [(normal, first + i, ends.count, wanted[:, i]) for i in range(len(CORNERS))]
+    return rows
 
 
 def _off_each_other(ends: Ends, pair: tuple[int, int], links: list[Links], apart_m: Array) -> list[_Row]:
