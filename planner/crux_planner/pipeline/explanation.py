@@ -14,9 +14,12 @@ from crux_planner.model.poses import beyond_planned_reach, missing_turn_rad, poi
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
+from crux_planner.reach.arm import reaches_of
+from crux_planner.reach.trunk_clearance import boxes_of
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import Oracles, SearchReport, costs_to_go
 from crux_planner.swing.swing_cache import SwingCache
+from crux_planner.trajectory.box_planes import separation
 
 LACKING_N = 0.01  # a balance that lacks less is met
 
@@ -59,6 +62,16 @@ def _missing_reach(scenario: Scenario, problem: Problem, limb: int) -> str | Non
         return text
     at = f"{'xyz'[axis]} = {place[axis]:.3f} m in the body frame"
     return f"{text}: it would be at {at}; {low:.3f}..{high:.3f} m is the middle of what {LIMB_NAMES[limb]} reaches"
+
+
+def check_trunk(scenario: Scenario, problem: Problem, robot: Robot) -> None:
+    """Raise ScenarioError where the trunk would start in a bounded surface."""
+    pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad])[None]
+    for name, slab in zip(problem.surfaces.names, boxes_of(problem.surfaces.slabs), strict=True):
+        gap_m = min(float(separation(box, slab, pose)[1][0]) for box in reaches_of(robot)[0].keep_off.trunk)
+        if gap_m < 0.0:
+            text = f"the trunk would be {-1000 * gap_m:.0f} mm inside {name}"
+            raise wrong(scenario, "start.body", point_text(problem, problem.start.position_m), text)
 
 
 def _outside_m(scenario: Scenario, problem: Problem, limb: int) -> float:

@@ -176,7 +176,11 @@ class PoseMasks:
         grippers, grid = [gripper(hand) for hand in hands], self.grid
         at, mask = pose[[5, 3, 4, 2, 0, 1]], np.zeros(grid.shape, dtype=bool)
         mask[np.ix_(*(np.abs(axis - p) <= near for axis, p, near in zip(grid.axes, at, _NEARBY, strict=True)))] = True
-        mask = self.apart(body_grid.stance([mask, *map(self.held, range(4), grippers)]), grippers)
+        if self.problem.surfaces.names:
+            mask &= self._off_surfaces
+        for limb, there in enumerate(grippers):
+            mask = self.held_within(mask, limb, there)
+        mask = self.apart(mask, grippers)
         cells = np.argwhere(mask)
         if not len(cells):
             return None
@@ -198,11 +202,16 @@ class PoseMasks:
         return np.asarray((clear & (mine[i] != theirs[j])).reshape(len(mine), len(theirs)))
 
     def held_at_goal(self, limb: int, contacts: list[int]) -> list[int]:
-        """Those of the contacts that a limb holds with the body at the goal, links off the trunk."""
+        """Those of the contacts that a limb holds with the body at the goal, links off the trunk and both off bounded
+        surfaces.
+        """
         if not contacts:
             return []
         held = self._reached(limb, self._seen_at_goal(contacts))
-        return [c for c, ok in zip(contacts, held, strict=True) if ok]
+        found = [c for c, ok in zip(contacts, held, strict=True) if ok]
+        if self.problem.surfaces.names:
+            found = [c for c in found if (self.held(limb, self.at(c)) & self.goal).any()]
+        return found
 
     def _goal_links(self, limb: int, contacts: list[int]) -> Links:
         """Of one limb on each of the contacts."""

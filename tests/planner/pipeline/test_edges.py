@@ -88,6 +88,14 @@ def test_the_trunk_keeps_off_a_ledge_until_it_is_beside_it() -> None:
     assert violations(plan, 2, [0.0, 0.0, 0.0]) == set()
 
 
+def test_a_trunk_that_would_start_in_a_surface_is_named() -> None:
+    """30 mm of it are under the body's origin, and the ledge is 155 mm high."""
+    wall = over_a_ledge()
+    wall["start"]["body"]["position_m"][2] = 0.17
+    with pytest.raises(ScenarioError, match=r"start\.body: .*: the trunk would be 15 mm inside ledge"):
+        crux_planner.plan(wall, ROBOT)
+
+
 @pytest.mark.parametrize(
     ("more", "method", "says"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from dataclasses import replace
 from functools import lru_cache
@@ -10,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot, load_robot
+from crux_contracts.scenario import parse_scenario
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.build import build_problem
 from crux_planner.model.schedule import Move, stance_after
@@ -22,7 +24,7 @@ from crux_planner.search.pose_path import Ended, Moments, clear_path, pose_path
 from crux_planner.search.schedule import at_knots
 from crux_planner.search.stood_on import StoodOn
 from crux_planner.swing.swing_cache import SwingCache
-from edges import CONVEX_60, edge
+from edges import CONVEX_60, edge, over_a_ledge
 from scipy.sparse.csgraph import dijkstra
 from walls import hold, ladder, scenario, two_rows
 
@@ -94,6 +96,19 @@ def test_limbs_that_cross_on_all_of_their_holds_at_the_goal_are_named(robot: Rob
     found = MapSearch(PoseMasks(problem, robot, grid, 0.04), Footing(problem, grid), SwingCache(problem))
     assert len(found.goals) == 0
     assert found.missing_at_goal() == "no holds for LF and LR on which these are off each other"
+
+
+@pytest.mark.parametrize(("height_m", "stands"), [(0.2, True), (0.17, False)])
+def test_a_body_at_the_goal_keeps_off_surfaces(robot: Robot, height_m: float, stands: bool) -> None:
+    """Over a ledge that is 155 mm high, and in it."""
+    wall = over_a_ledge()
+    wall["goal"] = copy.deepcopy(wall["start"])
+    wall["goal"]["body"]["position_m"][2] = height_m
+    problem = build_problem(parse_scenario(wall), robot)
+    grid = grid_about(problem, 0.03, 0.07, 0.1, 0.0)
+    there = MapSearch(PoseMasks(problem, robot, grid, 0.04), Footing(problem, grid), SwingCache(problem))
+    assert (len(there.goals) > 0) == stands
+    assert (there.find((), 5, np.inf) is not None) == stands
 
 
 def test_a_limb_that_is_left_out_is_not_lifted_from_its_stance() -> None:
