@@ -253,7 +253,7 @@ def test_two_campaigns_are_compared_job_by_job_where_both_have_the_same(tmp_path
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("walls: [{draw: wal, count: 3}]", 'walls[0].draw: "wal": expected wall, ladder, field or walk'),
+        ("walls: [{draw: wal, count: 3}]", 'walls[0].draw: "wal": expected wall, ladder, field, planes or walk'),
         ("walls: [{draw: wall, count: 3, slop_deg: 45}]", "walls[0].slop_deg: unknown key; did you mean slope_deg?"),
         ("walls: [{draw: wall, count: 0}]", "walls[0].count: 0: expected a whole number in 1..1000000"),
         ("walls: [{draw: wall, count: 1, slope_deg: 200}]", "slope_deg: 200: expected a number in 0..180 deg"),

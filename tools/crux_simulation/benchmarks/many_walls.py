@@ -1,4 +1,4 @@
-"""`crux bench walls`: plans and climbs the walls in benchmarks/walls, or other scenario files."""
+"""`crux bench walls`: plans and climbs the walls in benchmarks/walls, other scenario files, or drawn ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from crux_contracts.output_file import look_at_folder
-from crux_tools.arguments import positive
+from crux_tools.arguments import positive, whole
 from crux_tools.errors import UsageError
 from crux_tools.output import note, print_json
 from crux_tools.paths import ROOT
@@ -23,6 +23,7 @@ from crux_simulation.campaign.walls import Wall
 
 WALLS = ROOT / "benchmarks" / "walls"
 LIMIT_S = 60.0  # a wall
+DRAWN = "planes"
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `crux bench walls`."""
     parser.add_argument("wall", nargs="*", type=Path, help="scenario files (default: all in benchmarks/walls)")
     parser.add_argument(
+        "--drawn", type=whole(1), metavar="N", help="in place of files, draw so many walls of two planes at an edge"
+    )
+    parser.add_argument(
+        "--seed", type=whole(0), default=1, metavar="N", help="of the first that is drawn (default: %(default)s)"
+    )
+    parser.add_argument(
         "--limit", type=positive, default=LIMIT_S, metavar="S",
         help="seconds of computing that planning a wall may take (default: %(default)s)",
     )  # fmt: skip
@@ -58,23 +65,33 @@ def wall_job(path: Path, limit_s: float) -> WallJob:
     return WallJob(path.stem, Wall(text=text), time_limit_s=limit_s)
 
 
+def _jobs(options: argparse.Namespace) -> list[WallJob]:
+    if options.drawn:
+        if options.wall:
+            raise UsageError("--drawn: takes no scenario files beside it")
+        seeds = range(options.seed, options.seed + options.drawn)
+        return [WallJob(DRAWN, Wall(DRAWN, seed), time_limit_s=options.limit) for seed in seeds]
+    paths = options.wall or sorted(WALLS.glob("*.yaml"))
+    if not paths:
+        raise UsageError(f"{WALLS}: no walls here; name scenario files")
+    return [wall_job(path, options.limit) for path in paths]
+
+
 def line_of(row: Row) -> dict[str, Any]:
     """One line of the table; None where there is no such figure."""
     plan, climb = row["plan"], row.get("climb", {})
     figures = {name: climb.get(name) for name in ("slips", "largest_slip_m", "m_min")}
     cpu_s = plan.get("computed_s", row["cpu_s"])  # a climb's is not counted
     planned = {"verdict": verdict(row), "J": plan.get("cost"), "gap": plan.get("gap"), "cpu_s": cpu_s}
-    return {"wall": row["walls"], **planned, "climbed": climb.get("ok"), **figures, "why": row["reason"]}
+    name = row.get("wall", f"{DRAWN}-{row['wall_seed']}") if row["walls"] == DRAWN else row["walls"]
+    return {"wall": name, **planned, "climbed": climb.get("ok"), **figures, "why": row["reason"]}
 
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when 90 % of the walls were decided in time and every plan passed the check and its climb."""
     from crux_simulation.campaign.engine import run_anew
 
-    paths = options.wall or sorted(WALLS.glob("*.yaml"))
-    if not paths:
-        raise UsageError(f"{WALLS}: no walls here; name scenario files")
-    jobs = [wall_job(path, options.limit) for path in paths]
+    jobs = _jobs(options)
     look_at_folder("--output", options.output)
     lines = [line_of(row) for row in run_anew(jobs, options.output, options, "planning and climbing walls")]
     counts = Counter(line["verdict"] for line in lines)

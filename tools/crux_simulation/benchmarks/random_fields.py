@@ -38,7 +38,7 @@ def random_field(seed: int) -> str:
     for attempt in range(TRIES):
         random = np.random.default_rng([seed, attempt])
         text = yaml.safe_dump(_draw(random, f"random-field-{seed}"), sort_keys=False)
-        if _stands(text):
+        if stands(text):
             return text
     raise RuntimeError(f"no standing start among {TRIES} fields drawn for seed {seed}")
 
@@ -99,7 +99,7 @@ def _hold(random: Random, name: str, position_m: list[float]) -> dict[str, Any]:
     return {**hold, "friction": {**faces, "top": friction}, "spines": {f"{sign}{slippery}": False for sign in "+-"}}
 
 
-def _stands(text: str) -> bool:
+def stands(text: str) -> bool:
     """Whether the planner accepts the start."""
     from crux_planner.method_report import start_is_well_formed
 

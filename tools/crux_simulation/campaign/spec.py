@@ -52,7 +52,7 @@ DRAWN = {
 SLOPE = {"slope_deg": Key(0.0, MAX_SLOPE_DEG, "deg", type=float)}
 LADDER = {"rungs": Key(4, 100, type=int), "steps": Key(1, 1000, type=int), "obstacles": Key(0, type=int)}
 SETTINGS: dict[str, dict[str, Key]] = {
-    "wall": SLOPE | {"all_limbs": Key(type=bool)}, "ladder": SLOPE | LADDER, "field": {}, "walk": {}
+    "wall": SLOPE | {"all_limbs": Key(type=bool)}, "ladder": SLOPE | LADDER, "field": {}, "planes": {}, "walk": {}
 }  # fmt: skip
 """What a generator takes beside the seed."""
 

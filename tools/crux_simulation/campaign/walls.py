@@ -8,12 +8,14 @@ from typing import Any
 
 from crux_simulation.benchmarks.pairs import walking_pair
 from crux_simulation.benchmarks.random_fields import random_field
+from crux_simulation.benchmarks.random_planes import random_planes
 from crux_simulation.benchmarks.random_walls import random_ladder, random_wall
 
 GENERATORS: dict[str, Callable[..., str]] = {
     "wall": random_wall,
     "ladder": random_ladder,
     "field": random_field,
+    "planes": random_planes,
     "walk": walking_pair,
 }
 """By kind: (seed, **settings) -> scenario as YAML text."""
