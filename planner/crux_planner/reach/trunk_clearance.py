@@ -45,7 +45,10 @@ def links_off_slabs(poses: Array, links: Links, slabs: Cuboids, clear_m: float) 
         start, end = (poses[:, :3] + (to_h @ each[..., None])[..., 0] for each in ends)
         need = np.full(len(poses), links.radius_m[index] + clear_m)
         for box in boxes:
-            some = np.flatnonzero(clear & ~apart(box, start, end, need))
+            up = box.rotation[:, 2]
+            over = np.minimum(start @ up, end @ up) >= up @ box.centre_m + box.half_m[2] + need  # of its top: most are
+            some = np.flatnonzero(clear & ~over)
+            some = some[~apart(box, start[some], end[some], need[some])]
             clear[some] = gap_m((box,), start[some], end[some]) >= need[some]
     return clear
 
