@@ -353,7 +353,8 @@ void ControlCore::aim(double dt_s) noexcept {
   const Pose body_command_W = correction_.update(reference_.body_W, body_.body_W(), started_ && !stands ? dt_s : 0.0);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference_.limbs[l];
-    const bool pulled = grips_.pull().limb() == l || grips_.presses_wall(l);
+    const bool presses = limb.closing() && limbs_[l].fingers().presses();
+    const bool pulled = presses || grips_.pull().limb() == l || grips_.presses_wall(l);
     const bool found = limbs_[l].follow_contact(limb, body_.body_W(), body_command_W, pulled);
     if (!found || !started_ || plan_->point_feet || !limb.gripping()) continue;
     const Vector3 place_W_m = limbs_[l].anchor_W_m(limb);

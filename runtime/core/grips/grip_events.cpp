@@ -10,10 +10,12 @@ namespace {
 
 // Of a joint's effort: a pull loads no limb further.
 constexpr double kMostTorque = 0.95;
-// A gripper on its way down has stood so long: it does not come down.
-constexpr double kBlocked_s = 0.3;
+// A gripper on its way down has stood so long: it does not come down; a finger leans on its hold.
+constexpr double kBlocked_s = 0.3, kLeans_s = 1.0;
 // Share of the fingers' opening from which on it is a finger that stands on something, not the hand.
 constexpr double kFinger = 0.6;
+// A finger that rubs on the hold it leaves opens so much further.
+constexpr double kFurther_m = 0.01;
 // Between fingers that touch the wall and what else stands there.
 constexpr double kAside_m = 0.01;
 // Of the force by which a gripper feels the wall: so much is left where it still does.
@@ -92,6 +94,7 @@ void Grips::judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController
     const LimbReference& reference = now.reference.limbs[l];
     search_hold(now, clock, limbs[l], l, events[l], dt_s);
     touch_wall(now, clock, limbs[l], l, unsure[l], events[l], dt_s);
+    rubs_[l] = reference.phase == LimbPhase::kLift && (rubs_[l] || events[l].blocked);
     if (retry_.limb() == l) {
       if (reference.phase == LimbPhase::kDescend && events[l].arrived) retry_.opened();
       events[l].gripped = false;
@@ -109,6 +112,7 @@ void Grips::hold_open(PlanReference& reference) noexcept {
     LimbReference& limb = reference.limbs[l];
     if ((searches_[l].begun() || touches_[l].busy()) && limb.phase == LimbPhase::kDescend)
       limb.finger_opening_m = limb.open_m;
+    if (rubs_[l] && limb.phase == LimbPhase::kLift) limb.finger_opening_m += kFurther_m;
   }
 }
 
@@ -118,14 +122,21 @@ void Grips::search_hold(const CycleView& now, PlanClock& clock, LimbController& 
   HoldSearch& search = searches_[l];
   if (reference.phase != LimbPhase::kDescend && !reference.closing()) return search.reset();
   const Vector3 missed_W_m = limb.gripper_W_m(now.body_W) - limb.anchor_W_m(reference);
+  const ControlParameters& control = now.robot.control;
+  const Vector3 off_W = reference.off_W();
+  const Wrench& wrench_W = limb.wrench_W();
+  const double above_m = missed_W_m.dot(off_W), aside_m = (missed_W_m - above_m * off_W).norm();
+  const bool near = events.opened && aside_m <= now.robot.supervisor.arrive_tolerance_m;
+  const bool waited = clock.waiting_for() == WaitingFor::kArrive && clock.waiting_limb() == l &&
+                      clock.waited_s() > kBlocked_s && !now.health.force_torque_distrusted[l];
+  // A finger that leans on its hold from the side rubs, and keeps the gripper a little too high: closing moves it over.
+  const bool leans = clock.waited_s() > kLeans_s && std::abs(above_m) <= now.robot.gripper.pad_radius_m &&
+                     wrench_W.force_N.norm() > control.unload_force_N;
   bool aims_anew = false;
   if (search.searches()) {
     aims_anew = search.advance(missed_W_m.norm(), dt_s);
-  } else if (clock.waiting_for() == WaitingFor::kArrive && clock.waiting_limb() == l && clock.waited_s() > kBlocked_s &&
-             limb.runs_against() && !now.health.force_torque_distrusted[l]) {
-    const ControlParameters& control = now.robot.control;
-    const Vector3 axis_W = reference.finger_axis_W(), off_W = reference.off_W();
-    const Wrench& wrench_W = limb.wrench_W();
+  } else if (waited && limb.runs_against()) {
+    const Vector3 axis_W = reference.finger_axis_W();
     const double pressed_N = wrench_W.force_N.dot(off_W);
     const double open_m = limb.fingers().opening_m(), at_m = pressed_along_m(wrench_W, axis_W, off_W);
     const bool finger = pressed_N > control.contact_force_N && std::abs(at_m) > kFinger * open_m;
@@ -133,10 +144,11 @@ void Grips::search_hold(const CycleView& now, PlanClock& clock, LimbController& 
     const LimbKnot& grasp = now.plan->limbs[clock.now().back ? std::max(k - 1, 0) : k + 1][l];
     const double slack_m = reference.open_m - grasp.finger_opening_m;
     const Vector3 shift_W_m = std::copysign(slack_m, at_m) * axis_W;
-    aims_anew = finger && search.begin(missed_W_m.dot(off_W), off_W, shift_W_m, control.max_contact_offset_m);
-    const bool hand = pressed_N > control.contact_force_N && !finger && events.opened;
-    const Vector3 aside_W_m = missed_W_m - missed_W_m.dot(off_W) * off_W;
-    if (hand && aside_W_m.norm() <= now.robot.supervisor.arrive_tolerance_m) search.stand();
+    aims_anew = finger && search.begin(above_m, off_W, shift_W_m, control.max_contact_offset_m);
+    const bool hand = pressed_N > control.contact_force_N && !finger;
+    if (near && (hand || (!finger && leans))) search.stand();
+  } else if (waited && near && leans) {
+    search.stand();
   }
   events.arrived = events.arrived || search.stands();
   if (aims_anew) limb.aim_beside(search.beside_W_m(), reference);

@@ -32,6 +32,7 @@ void Grips::begin_plan() noexcept {
   retry_.reset();
   searches_.fill({});
   touches_.fill({});
+  rubs_.fill(false);
   return_ = Return::kNone;
 }
 

@@ -110,6 +110,7 @@ class Grips {
   PerLimb<HoldSearch> searches_;
   PerLimb<WallTouch> touches_;
   Touched touched_;
+  PerLimb<bool> rubs_{};       ///< a finger, on the hold that its limb lifts from
   PerLimb<double> borne_N_{};  ///< grasp force for the most that each grip has borne; none once it slipped
   Return return_ = Return::kNone;
 };

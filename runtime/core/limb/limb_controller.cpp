@@ -170,7 +170,7 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
           .opened = fingers_.opened(reference),
           .arrived = fingers_.opened(reference) && distance_m <= supervisor_.arrive_tolerance_m,
           .gripped = fingers_.gripped(reference, dt_s),
-          .blocked = (reference.phase == LimbPhase::kSwing || reference.phase == LimbPhase::kDescend) && caught()};
+          .blocked = (reference.passing() || reference.phase == LimbPhase::kDescend) && caught()};
 }
 
 Pose LimbController::target_W(const LimbReference& reference) const noexcept {
@@ -286,8 +286,9 @@ void LimbController::comply(const LimbReference& reference, const Wrench& all_W,
   const bool runs_against = !reference.point_foot && this->runs_against();
   Vector3 felt_N = runs_against ? wrench_W().force_N : Vector3::Zero();
   // What it runs against from the side, in passing over, stands out further than planned, or the gripper is lower than
-  // it seems: it goes over it.
-  if (reference.passing()) felt_N.z() += felt_N.head<2>().norm();
+  // it seems: it goes over it. A finger that still rubs on the hold it leaves would only be pulled along that.
+  const bool passes = reference.passing() && reference.phase != LimbPhase::kLift;
+  if (passes) felt_N.z() += felt_N.head<2>().norm();
   if (reference.phase != LimbPhase::kOpen) {
     const Vector3 before_m = admittance_.offset_m();
     const bool too_low = before_m.z() < kClear_m;
@@ -301,7 +302,7 @@ void LimbController::comply(const LimbReference& reference, const Wrench& all_W,
     const Vector3& offset_m = admittance_.offset_m();
     const double rises_m = std::min(felt_N.head<2>().norm() / gains.damping_Ns_m, gains.max_speed_m_s) * dt_s;
     const double least_m = std::min(before_m.z() + rises_m, std::max(before_m.z(), gains.max_offset_m));
-    if (reference.passing() && offset_m.z() < least_m)
+    if (passes && offset_m.z() < least_m)
       admittance_.rebase({offset_m.x(), offset_m.y(), least_m}, admittance_.rotation_rad());
   }
   const bool free = reference.phase == LimbPhase::kSwing && !reference.point_foot && !runs_against &&

@@ -72,9 +72,9 @@ class LimbController {
   bool found() const { return found_; }
 
   /// Takes note of contact made and of the frame the limb aims from: the estimated body pose in the air, the commanded
-  /// one on a hold, from the beginning of the pull on it, and where it presses on the wall, for a limb that bears and
-  /// aims from an estimate behind its own lag drives the body on. Commands are continuous over all. True in the cycle
-  /// in which the limb's place is found.
+  /// one on a hold, once its fingers press or it is pulled, and where it presses on the wall, for a limb that is held
+  /// and aims from an estimate behind its own lag drives the body on. Commands are continuous over all. True in the
+  /// cycle in which the limb's place is found.
   bool follow_contact(const LimbReference& reference, const Pose& body_estimate_W, const Pose& body_command_W,
                       bool pulled) noexcept;
 
