@@ -295,15 +295,8 @@ void ControlCore::advance_clock(double dt_s) noexcept {
   for (int l = 0; l < kLimbs; ++l) events[l] = limbs_[l].events(reference_.limbs[l], body_.body_W(), dt_s);
   if (!started_) settle(events, dt_s);
   if (started_) {
-    PerLimb<Vector3> arms_W_m;
-    PerLimb<bool> unsure;
-    for (int l = 0; l < kLimbs; ++l) {
-      arms_W_m[l] = limbs_[l].gripper_W_m(body_.body_W()) - body_.body_W().position_m;
-      unsure[l] = localisation_.unsure_of_height(arms_W_m[l]);
-    }
-    grips_.judge(view(), clock_, limbs_, unsure, events, dt_s);
-    if (const auto [limb, high_m] = grips_.touched(); limb >= 0)
-      localisation_.touch(body_.body_W().position_m, arms_W_m[limb], high_m);
+    grips_.judge(view(), clock_, limbs_, localisation_.unsure_of_height(), events, dt_s);
+    if (const auto [limb, high_m] = grips_.touched(); limb >= 0) touched_[limb].touch(high_m);
     clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
   }
   // A pull takes as long as its load is heavy, and ends by itself.
@@ -355,12 +348,21 @@ void ControlCore::aim(double dt_s) noexcept {
     const LimbReference& limb = reference_.limbs[l];
     const bool presses = limb.closing() && limbs_[l].fingers().presses();
     const bool pulled = presses || grips_.pull().limb() == l || grips_.presses_wall(l);
+    if (presses) touched_[l].press(limbs_[l].gripper_W_m(body_.body_W()).z());
+    if (limb.phase == LimbPhase::kDescend) touched_[l].open();
+    if (limb.passing()) touched_[l] = {};
     const bool found = limbs_[l].follow_contact(limb, body_.body_W(), body_command_W, pulled);
-    if (!found || !started_ || plan_->point_feet || !limb.gripping()) continue;
-    const Vector3 place_W_m = limbs_[l].anchor_W_m(limb);
-    localisation_.grasp(body_.body_W().position_m, place_W_m - body_.body_W().position_m, limb.finger_axis_W(),
-                        limb.finger_axis_W().dot(place_W_m - limb.gripper_position_W_m));
+    if (found && started_ && !plan_->point_feet && limb.gripping()) find_place(l);
   }
+}
+
+void ControlCore::find_place(int l) noexcept {
+  const LimbReference& limb = reference_.limbs[l];
+  const Vector3 place_W_m = limbs_[l].anchor_W_m(limb), body_W_m = body_.body_W().position_m;
+  localisation_.grasp(body_W_m, place_W_m - body_W_m, limb.finger_axis_W(),
+                      limb.finger_axis_W().dot(place_W_m - limb.gripper_position_W_m));
+  if (const std::optional<double> high_m = touched_[l].found(place_W_m.z()))
+    localisation_.touch(body_W_m, place_W_m - body_W_m, *high_m);
 }
 
 void ControlCore::yield(double dt_s) noexcept {

@@ -15,6 +15,7 @@
 #include "core/estimate/body_estimator.hpp"
 #include "core/estimate/delay_probe.hpp"
 #include "core/estimate/map_localisation.hpp"
+#include "core/estimate/touched_height.hpp"
 #include "core/estimate/weight_balance.hpp"
 #include "core/grips/grips.hpp"
 #include "core/limb/calibration.hpp"
@@ -92,6 +93,8 @@ class ControlCore {
   void locate(double dt_s) noexcept;
   void share(double dt_s) noexcept;
   void aim(double dt_s) noexcept;
+  /// Takes in where limb `l`, which bears its load now, is found to grip.
+  void find_place(int l) noexcept;
   void yield(double dt_s) noexcept;
   /// Other gains for the admittances, where they are to be calibrated.
   void calibrate(double dt_s) noexcept;
@@ -127,6 +130,7 @@ class ControlCore {
   BodyEstimator body_;
   BodyCorrection correction_;
   MapLocalisation localisation_;
+  PerLimb<TouchedHeight> touched_;
   LoadSharing sharing_;
   Grips grips_;
   StandUp rise_;

@@ -18,8 +18,8 @@ constexpr double kBlend_s = 1.0;
 constexpr double kWeightTolerance = 0.25;
 // Shorter looks at the forces say too little.
 constexpr double kLeastLook_s = 1.0;
-// Grippers touch the wall once their height is worse known than a hold's place by this factor: a little worse than a
-// fit to four holds knows it.
+// Grippers touch the wall once the body's height is worse known than a hold's place by this factor. A gripper that
+// reaches far ahead knows its own worse, and grips all the same.
 constexpr double kUnsure = 1.5;
 
 /// By what a point at `arm_W_m` from the body moves along `axis_W` with (t, θ).
@@ -73,9 +73,8 @@ void MapLocalisation::touch(const Vector3& body_W_m, const Vector3& arm_W_m, dou
   take(moved_along(Vector3::UnitZ(), arm_W_m), -offset_m, parameters_.hold_sigma_m);
 }
 
-bool MapLocalisation::unsure_of_height(const Vector3& arm_W_m) const noexcept {
-  const Vector6 direction = moved_along(Vector3::UnitZ(), arm_W_m);
-  return direction.dot(covariance_ * direction) > std::pow(kUnsure * parameters_.hold_sigma_m, 2);
+bool MapLocalisation::unsure_of_height() const noexcept {
+  return covariance_(2, 2) > std::pow(kUnsure * parameters_.hold_sigma_m, 2);
 }
 
 void MapLocalisation::carry_to(const Vector3& body_W_m) noexcept {

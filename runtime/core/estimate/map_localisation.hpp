@@ -28,12 +28,12 @@ class MapLocalisation {
   /// grasp's errors are added before; what was felt since the last grasp is taken in as well.
   void grasp(const Vector3& body_W_m, const Vector3& arm_W_m, const Vector3& axis_W, double offset_m) noexcept;
 
-  /// A gripper at `arm_W_m` from the body touches the wall, or its hold's top, and is `offset_m` higher than that makes
+  /// A gripper at `arm_W_m` from the body is `offset_m` higher than a touch of the wall, or of its hold's top, makes
   /// it.
   void touch(const Vector3& body_W_m, const Vector3& arm_W_m, double offset_m) noexcept;
 
-  /// Whether the height off the wall of a gripper at `arm_W_m` from the body is so little known that it should touch.
-  bool unsure_of_height(const Vector3& arm_W_m) const noexcept;
+  /// Whether the body's height off the wall is so little known that a gripper should touch.
+  bool unsure_of_height() const noexcept;
 
   /// What of the estimate's motion is due in this cycle, as a motion of W about `body_W_m`. Takes it off the rest.
   Pose correction(const Vector3& body_W_m, double dt_s) noexcept;

@@ -86,14 +86,14 @@ void Grips::pull_new_grasps(const CycleView& now, PerLimb<LimbController>& limbs
   }
 }
 
-void Grips::judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, const PerLimb<bool>& unsure,
+void Grips::judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, bool unsure,
                   PerLimb<LimbEvents>& events, double dt_s) noexcept {
   touched_ = {};
   if (now.plan->point_feet) return;
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& reference = now.reference.limbs[l];
     search_hold(now, clock, limbs[l], l, events[l], dt_s);
-    touch_wall(now, clock, limbs[l], l, unsure[l], events[l], dt_s);
+    touch_wall(now, clock, limbs[l], l, unsure, events[l], dt_s);
     rubs_[l] = reference.phase == LimbPhase::kLift && (rubs_[l] || events[l].blocked);
     if (retry_.limb() == l) {
       if (reference.phase == LimbPhase::kDescend && events[l].arrived) retry_.opened();
@@ -183,7 +183,11 @@ void Grips::touch_wall(const CycleView& now, PlanClock& clock, LimbController& l
   const double above_m = gripper_W_m.z() - limb.anchor_W_m(reference).z();
   if (touch.advance({events.opened, felt, limb.runs_against(), limb.ik_error_m() > kKept_m, above_m}, dt_s))
     limb.aim_beside(touch.beside_W_m(), reference);
-  if (touch.touched()) touched_ = {l, gripper_W_m.z() - touching_m};
+  if (touch.touched()) {
+    const double most_m = now.robot.control.max_contact_offset_m;
+    touched_ = {l, std::clamp(gripper_W_m.z() - touching_m, -most_m, most_m)};
+    limb.aim_beside(touched_.high_m * Vector3::UnitZ(), reference);  // there it is as high as planned
+  }
   events.arrived = false;
   clock.wait_anew();
 }

@@ -42,9 +42,9 @@ class Grips {
   /// place. `climbs`: otherwise no limb is sent anywhere, and one that touches the wall comes back.
   void pull_new_grasps(const CycleView& now, PerLimb<LimbController>& limbs, bool climbs, double dt_s) noexcept;
 
-  /// Before the clock advances by `events`: a gripper has arrived only once its hold is found and, where its height is
-  /// `unsure`, it has touched the wall; it has gripped only once its grasp has passed the pull.
-  void judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, const PerLimb<bool>& unsure,
+  /// Before the clock advances by `events`: a gripper has arrived only once its hold is found and, where the body's
+  /// height is `unsure`, it has touched the wall; it has gripped only once its grasp has passed the pull.
+  void judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, bool unsure,
              PerLimb<LimbEvents>& events, double dt_s) noexcept;
 
   /// Of the limb that touched the wall in this cycle: how much higher it is than that makes it. Limb -1: none.

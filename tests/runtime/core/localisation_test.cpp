@@ -91,14 +91,17 @@ TEST(MapLocalisation, DriftAlongTheAxisStaysBounded) {
 TEST(MapLocalisation, HeightIsKnownAtFirstAndUnsureAfterAWay) {
   MapLocalisation localisation = begun();
   const Vector3 arm(0.28, 0.36, -0.15);
-  EXPECT_FALSE(localisation.unsure_of_height(arm));
+  EXPECT_FALSE(localisation.unsure_of_height());
   int grasps = 0;
-  for (; grasps < 100 && !localisation.unsure_of_height(arm); ++grasps)
-    localisation.grasp(Vector3::Zero(), arm, Vector3::UnitX(), 0.0);
-  EXPECT_GT(grasps, 4);
+  Vector3 place = Vector3::Zero();
+  for (; grasps < 100 && !localisation.unsure_of_height(); ++grasps) {
+    place.x() += 0.044;
+    localisation.grasp(place, arm, Vector3::UnitX(), 0.0);
+  }
+  EXPECT_GT(grasps, 7);  // 0.3 m: a wall of four holds is climbed without
   EXPECT_LT(grasps, 100);
-  localisation.touch(Vector3::Zero(), arm, 0.003);
-  EXPECT_FALSE(localisation.unsure_of_height(arm));
+  localisation.touch(place, arm, 0.003);
+  EXPECT_FALSE(localisation.unsure_of_height());
   // The point comes down by most of what it was too high.
   const Vector6& found = localisation.pending();
   const double moved_m = (Vector3(found.head<3>()) + Vector3(found.tail<3>()).cross(arm)).z();
@@ -119,7 +122,7 @@ TEST(MapLocalisation, DriftOffTheWallStaysBoundedWhereGrippersTouchIt) {
     const Pose tilts = {rotation_exp({0.0, 2e-5, 0.0}), {0.0, 0.0, 4e-5}};
     body = Pose{tilts.rotation, place + tilts.position_m - tilts.rotation * place} * body;
     const auto error_m = [&] { return (body * Vector3(place + arm) - place - arm).z(); };
-    if (localisation.unsure_of_height(arm)) {
+    if (localisation.unsure_of_height()) {
       localisation.touch(place, arm, -error_m());
       ++touches;
     }

@@ -1,6 +1,8 @@
 // A gripper of unknown height touches the wall beside its hold, and the estimate takes over where that is.
 #include "core/grips/wall_touch.hpp"
 
+#include "core/estimate/touched_height.hpp"
+
 #include "fixture.hpp"
 
 namespace crux_test {
@@ -92,6 +94,25 @@ TEST(WallTouch, IsFeltByTheSensorAloneWhereTheGripperStandsStill) {
   Falling unfelt{0.006, false, {}};
   unfelt.touch.begin(0.02);
   for (; unfelt.time_s < 4.0; unfelt.step(false)) ASSERT_FALSE(unfelt.touch.touched());
+}
+
+/// The estimate is 8 mm too high while the limb is in the air, by play, and 1 mm once it bears.
+TEST(TouchedHeight, CountsInTheStanceThatTheGripIsFoundIn) {
+  TouchedHeight touched;
+  touched.press(0.043);
+  EXPECT_FALSE(touched.found(0.036)) << "it has not touched";
+  touched.touch(0.008);
+  touched.press(0.043);
+  touched.press(0.040);  // as the pull on it begins
+  EXPECT_NEAR(touched.found(0.036).value_or(1.0), 0.001, 1e-12);
+  EXPECT_FALSE(touched.found(0.036));
+  touched.touch(0.008);
+  EXPECT_FALSE(touched.found(0.036)) << "nothing tells how it was as the fingers closed";
+  touched.touch(0.008);
+  touched.press(0.043);
+  touched.open();
+  touched.press(0.050);
+  EXPECT_NEAR(touched.found(0.045).value_or(1.0), 0.003, 1e-12);
 }
 
 TEST(WallTouch, GivesUpWhereItsJointsEnd) {
