@@ -14,6 +14,9 @@ from pathlib import Path
 from crux_contracts.robot import ROBOTS
 
 YAML, URDF = "robot.yaml", "scaler.urdf"
+_TORQUES, _SPEEDS = "  torque_Nm: [12, 24, 24, 6, 6, 6]\n", "  speed_rad_s: [4.8, 4.8, 4.8, 4.8, 4.8, 4.8]\n"
+_LIMITS = _TORQUES + _SPEEDS
+_ABOUT_CRANK, _CRANK_STANDS = "  coupled_to: [0, 0, 0, 3, 0, 0]\n", "  low_rad: [-3, -3, 3, -3, -3, -3]\n"
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,14 @@ def _before_end(text: str, more: str) -> str:
 def _transmissions(id_: str, line: str, *names: str) -> Case:
     """With a section that has this line."""
     return Case(id_, YAML, lambda text: f"{text}transmissions:\n  {line}\n", names)
+
+
+def _five_bar(id_: str, change: dict[str, float], *names: str, limits: str = _LIMITS) -> Case:
+    """With one that is right but for this."""
+    keys = {"first_joint": 2, "crank_y_m": 0.038, "crank_m": 0.15, "rod_m": 0.188, "pin_x_m": 0.177, "pin_y_m": -0.046,
+            "bends": -1} | change  # fmt: skip
+    lines = "".join(f"  {key}: {value}\n" for key, value in keys.items())
+    return Case(id_, YAML, lambda text: f"{text}five_bar:\n{lines}transmissions:\n{limits}", names)
 
 
 def _added(id_: str, more: str, *names: str) -> Case:
@@ -153,6 +164,15 @@ OF_ROBOT_YAML = [
     ),
     _transmissions("a ratio too few", "ratio: [1, 1, 1, 1, 1]", "transmissions.ratio", "a list of 6 numbers"),
     _transmissions("a torque of nothing", "torque_Nm: [1, 1, 1, 1, 1, 0]", "transmissions.torque_Nm[5]", "0"),
+    _five_bar("a five-bar of crossed axes", {"first_joint": 1}, "five_bar.first_joint: 1", "limb LF", "parallel"),
+    _five_bar("a five-bar behind the last joint", {"first_joint": 6}, "five_bar.first_joint: 6", "of 6"),
+    _five_bar("a five-bar of half a joint", {"first_joint": 2.5}, "five_bar.first_joint: 2.5", "behind"),
+    _five_bar("a crank that bends nowhere", {"bends": 0.5}, "five_bar.bends: 0.5", "1 or -1"),
+    _five_bar("a rod too short", {"rod_m": 0.01}, "five_bar.least_sine", "limb LF", "0.2"),
+    _five_bar("no torque of a five-bar", {}, "transmissions.torque_Nm", "2 and 3", limits=_SPEEDS),
+    _five_bar("no speed of a five-bar", {}, "transmissions.speed_rad_s", "2 and 3", limits=_TORQUES),
+    _five_bar("a belt about a crank", {}, "transmissions.coupled_to[3]", "3", "crank", limits=_LIMITS + _ABOUT_CRANK),
+    _five_bar("a crank that cannot turn", {}, "low_rad", "joint 2 of limb LF", limits=_LIMITS + _CRANK_STANDS),
     _yaml("unknown key", "rate_Hz: 500", "rate_hz: 500", "can.rate_hz", "unknown key"),
     _yaml("missing key", "  unload_force_N: 4\n", "\n", "control.unload_force_N", "is missing"),
     _yaml("a pull too quick", " rate_N_s: 200", " rate_N_s: 600", "grasp_test.rate_N_s: 600", "at most 500"),

@@ -14,11 +14,13 @@ from typing import Any
 import crux_msgs
 import numpy as np
 from crux_contracts import LIMB_NAMES, can_codec, cdr
+from crux_contracts.five_bar import FiveBar
 from crux_contracts.interpolation import PlanReference
 from crux_contracts.transmissions import Limits, Transmission, own_limits
 from crux_msgs import limb_knot_t, plan_knot_t, plan_t
 from crux_msgs.robot_keys import Transmissions
 from crux_msgs.tables import MEMBERS
+from five_bars import drawn
 
 FOLDER = Path(__file__).resolve().parents[2] / "msgs" / "golden"
 SHARES = (0.0, 0.13, 0.3, 0.53, 0.57, 0.8, 1.0)
@@ -281,15 +283,47 @@ def transmissions() -> list[dict[str, Any]]:
         }  # fmt: skip
         keys = {name: _rounded(values) for name, values in keys.items()}
         section = Transmissions(**{name: tuple(values) for name, values in keys.items()})
-        by = Transmission.of(section, 6)
-        left = by.within(Limits(*(np.full(6, value) for value in (-2.0, 2.0, 5.0, 10.0))), own_limits(section, 6))
-        q, dq, torque = random.uniform(-2, 2, (3, 6))
-        does = {"joints_rad": q, "ways": dq, "torque_Nm": torque, "actuators_rad": by.actuators_rad(q),
-                "actuator_ways": by.slope(q) @ dq, "actuators_Nm": by.actuator_torque_Nm(q, torque)}  # fmt: skip
-        each = {"left": vars(left), "reached": vars(by.reached(left)), "does": does}
-        told = {name: {key: _rounded(value) for key, value in values.items()} for name, values in each.items()}
-        vectors.append({"section": keys} | told)
+        vectors.append({"section": keys} | _told(section, None, random.uniform(-2, 2, (3, 6))))
     return vectors
+
+
+def five_bars() -> list[dict[str, Any]]:
+    """The same of limbs with five-bars, the ranges of whose joints are 1 rad either way."""
+    random = np.random.default_rng(0)
+    vectors: list[dict[str, Any]] = []
+    while len(vectors) < 8:
+        bar = drawn(random, int(random.integers(1, 6)))
+        keys = {
+            "ratio": random.choice([-1, 1], 6) * random.uniform(0.5, 2.0, 6), "offset_rad": random.uniform(-1, 1, 6),
+            "coupled_to": np.zeros(6), "coupling": np.zeros(6), "low_rad": np.full(6, -6.0),
+            "high_rad": np.full(6, 6.0),
+            "speed_rad_s": random.uniform(2, 8, 6), "torque_Nm": random.uniform(2, 8, 6),
+        }  # fmt: skip
+        keys = {name: _rounded(values) for name, values in keys.items()}
+        section = Transmissions(**{name: tuple(values) for name, values in keys.items()})
+        does = random.uniform(-1, 1, (3, 6))
+        does[0, bar.first : bar.first + 2] = bar.middle_rad + random.uniform(-0.1, 0.1, 2)
+        told = _told(section, bar, does)
+        if all(low < high for low, high in zip(told["left"]["low_rad"], told["left"]["high_rad"], strict=True)):
+            made = {"keys": vars(bar.section), "link_m": bar.link_m, "sense": bar.sense}
+            vectors.append({"section": keys, "bar": made | {"middle_rad": bar.middle_rad.tolist()}} | told)
+    return vectors
+
+
+def _told(section: Transmissions, bar: FiveBar | None, does: np.ndarray) -> dict[str, Any]:
+    """What is left of limits, what actuators reach, and what they do as joints do (3, 6): angles, ways and torques."""
+    by, own = Transmission.of(section, 6, bar), own_limits(section, 6)
+    low, high = np.full(6, -2.0), np.full(6, 2.0)
+    if bar is not None:
+        pair = slice(bar.first, bar.first + 2)
+        low[pair], high[pair] = bar.middle_rad - 1.0, bar.middle_rad + 1.0
+    joints = Limits(low, high, np.full(6, 5.0), np.full(6, 10.0))
+    left = by.within(joints, own)
+    q, dq, torque = does
+    done = {"joints_rad": q, "ways": dq, "torque_Nm": torque, "actuators_rad": by.actuators_rad(q),
+            "actuator_ways": by.slope(q) @ dq, "actuators_Nm": by.actuator_torque_Nm(q, torque)}  # fmt: skip
+    each = {"left": vars(left), "reached": vars(by.reached(left, joints, own)), "does": done}
+    return {name: {key: _rounded(value) for key, value in values.items()} for name, values in each.items()}
 
 
 def _rounded(values: Any) -> Any:
@@ -307,6 +341,7 @@ VECTORS: dict[str, Callable[[], Any]] = {
     "walking.json": walking,
     "tilted.json": tilted,
     "transmissions.json": transmissions,
+    "five_bars.json": five_bars,
 }
 
 

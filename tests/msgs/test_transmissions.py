@@ -54,10 +54,11 @@ def test_there_and_back_with_the_same_power(section: Transmissions, seed: int) -
 @settings(max_examples=60, deadline=None)
 def test_actuators_keep_their_limits_whatever_the_joints_do_within_theirs(section: Transmissions, seed: int) -> None:
     by, actuators = Transmission.of(section, JOINTS), limits(seed, 3.0, 9.0)
-    left = by.within(limits(seed + 1, 0.5, 2.0), actuators)
+    wide = limits(seed + 1, 0.5, 2.0)
+    left = by.within(wide, actuators)
     corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * JOINTS)).reshape(JOINTS, -1).T
     q = np.where(corners > 0, left.high_rad, left.low_rad)
-    there, reached = by.actuators_rad(q), by.reached(left)
+    there, reached = by.actuators_rad(q), by.reached(left, wide, actuators)
     if (left.low_rad < left.high_rad).all():
         assert (there <= actuators.high_rad + 1e-9).all()
         assert (there >= actuators.low_rad - 1e-9).all()

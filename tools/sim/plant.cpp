@@ -138,8 +138,8 @@ void crux_plant::power_joint(std::size_t joint, Supply supply) {
     model_->tendon_damping[map_.tendon[joint]] += damping_nms_rad;
   } else {
     const double ratio = map_.ratio[joint];
-    model_->dof_frictionloss[map_.joint_dof[joint]] += std::abs(ratio) * friction_nm;
-    model_->dof_damping[map_.joint_dof[joint]] += ratio * ratio * damping_nms_rad;
+    model_->dof_frictionloss[map_.driven_dof[joint]] += std::abs(ratio) * friction_nm;
+    model_->dof_damping[map_.driven_dof[joint]] += ratio * ratio * damping_nms_rad;
   }
   supply_[joint] = supply;
 }
@@ -172,11 +172,11 @@ void crux_plant::read_encoders() {
     return map_.ratio[j] * values[places[j]] + map_.coupling[j] * values[places[map_.coupled_to[j]]];
   };
   for (std::size_t j = 0; j < joints(); ++j) {
-    const double angle_rad = at(data_->qpos, map_.joint_qpos, j) + map_.offset_rad[j] +
+    const double angle_rad = at(data_->qpos, map_.driven_qpos, j) + map_.offset_rad[j] +
                              settings_.encoder_noise_rad * encoder_normal_(encoder_random_);
     state_.joint_position_rad[j] = step_rad > 0.0 ? step_rad * std::round(angle_rad / step_rad) : angle_rad;
     state_.joint_velocity_rad_s[j] =
-        at(data_->qvel, map_.joint_dof, j) + settings_.encoder_noise_rad_s * encoder_normal_(encoder_random_);
+        at(data_->qvel, map_.driven_dof, j) + settings_.encoder_noise_rad_s * encoder_normal_(encoder_random_);
   }
 }
 

@@ -18,8 +18,10 @@ extern "C" {
 typedef struct crux_plant_map {
   int32_t body;
   int32_t slots;  ///< for joints of each limb, CRUX_CAN_JOINTS at most: arrays of joints have so many of each
-  int32_t joint_qpos[CRUX_SIM_JOINTS], joint_dof[CRUX_SIM_JOINTS], joint_actuators[CRUX_SIM_JOINTS];
-  /// An actuator at ratio * its joint + coupling * joint coupled_to + offset_rad; what moves two joints pulls a tendon.
+  /// Of what the actuators turn: joints, or cranks in place of some.
+  int32_t driven_qpos[CRUX_SIM_JOINTS], driven_dof[CRUX_SIM_JOINTS], joint_actuators[CRUX_SIM_JOINTS];
+  /// An actuator at ratio * what it turns + coupling * joint coupled_to + offset_rad; what moves two joints pulls a
+  /// tendon.
   double ratio[CRUX_SIM_JOINTS], coupling[CRUX_SIM_JOINTS], offset_rad[CRUX_SIM_JOINTS];
   int32_t coupled_to[CRUX_SIM_JOINTS], tendon[CRUX_SIM_JOINTS];  ///< any joint where coupling is 0; -1: no tendon
   int32_t finger_qpos[CRUX_SIM_PADS], finger_dof[CRUX_SIM_PADS], finger_actuators[CRUX_SIM_PADS];

@@ -24,7 +24,7 @@ World::World(mjModel& model, mjData& data, const crux_plant_map& map, const crux
       broken_(static_cast<std::size_t>(world.breaks_count), false),
       random_(seed + 1) {
   for (std::size_t j = 0; j < joints(); ++j) {
-    friction_nm_[j] = model.dof_frictionloss[map.joint_dof[j]];
+    friction_nm_[j] = model.dof_frictionloss[map.driven_dof[j]];
     const bool warms = world.heating_k_nm2[j] > 0;
     temperature_degc_[j] = warms ? world.ambient_degc : std::numeric_limits<double>::quiet_NaN();
     warms_ = warms_ || warms;
@@ -62,8 +62,8 @@ void World::act(double time_s, bool hand_is_gone) {
 void World::stick() {
   for (std::size_t j = 0; j < joints(); ++j) {
     if (world_.stiction_nm[j] <= 0) continue;
-    const double speed = data_.qvel[map_.joint_dof[j]] / kStandingSpeed_rad_s;
-    model_.dof_frictionloss[map_.joint_dof[j]] = friction_nm_[j] + world_.stiction_nm[j] * std::exp(-speed * speed);
+    const double speed = data_.qvel[map_.driven_dof[j]] / kStandingSpeed_rad_s;
+    model_.dof_frictionloss[map_.driven_dof[j]] = friction_nm_[j] + world_.stiction_nm[j] * std::exp(-speed * speed);
   }
 }
 

@@ -13,8 +13,8 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from crux_msgs.robot_keys import Transmissions
 
+from .five_bar import FiveBar, geometry
 from .gain_checks import gain_problems
 from .joint_loop_checks import joint_loop_problems
 from .motor_checks import motor_problems
@@ -25,9 +25,18 @@ from .robot_rules import Chain, RobotRules, have_closed_form
 from .robot_types import Array, AtZero, Limb, Robot
 from .robot_yaml import RobotYaml
 from .still_turns import CANNOT_PLACE, completed
-from .transmissions import Transmission, joint_limits, narrowed, transmission_problems
-from .urdf import Urdf, parse_xml, read_urdf, rotation
-from .yaml_document import DocumentError, Node, parse_mapping, read_bytes
+from .transmissions import (
+    Limits,
+    Transmission,
+    five_bar_problems,
+    joint_limits,
+    limit_problems,
+    narrowed,
+    own_limits,
+    transmission_problems,
+)
+from .urdf import Joint, Urdf, parse_xml, read_urdf, rotation
+from .yaml_document import DocumentError, Node, Problem, parse_mapping, read_bytes
 
 __all__ = [
     "ROBOTS",
@@ -186,13 +195,21 @@ def _limbs(rules: RobotRules, file: RobotYaml, path: str) -> tuple[Limb, ...] | 
     rules.check_bodies(joints, [chain.gripper_link for chain in chains.values()])
     rules.check_sides(chains)
     section = file.sections["transmissions"]
-    wrong = next((one for each in chains for one in transmission_problems(section, each, chains[each].joints)), None)
-    if wrong is not None:
-        rules.problems.append(replace(wrong, file=path))
-        return None
-    chains = {name: _narrowed(section, chain) for name, chain in chains.items()}
-    limbs = [_limb(rules.urdf, name, file.limbs[name]["bus"], chains[name], fingers[name], section) for name in chains]
-    if have_closed_form(chains):
+    problems: list[Problem] = []
+    limbs, narrow = [], {}
+    for name, chain in chains.items():
+        transmission = _transmission(file, name, chain, problems)
+        if not problems:
+            left = narrowed(transmission, section, chain.joints)
+            problems += limit_problems(name, chain.joints, left)
+        if problems:
+            rules.problems.append(replace(problems[0], file=problems[0].file or path))
+            return None
+        narrow[name] = _with_joints(chain, left)
+        own = joint_limits(chain.joints), own_limits(section, len(left))
+        by = transmission, transmission.reached(joint_limits(left), *own)
+        limbs.append(_limb(rules.urdf, name, file.limbs[name]["bus"], narrow[name], fingers[name], *by))
+    if have_closed_form(narrow):
         return tuple(limbs)
     slots = max(JOINTS, *(len(limb.joints) for limb in limbs))
     whole = []
@@ -204,8 +221,29 @@ def _limbs(rules: RobotRules, file: RobotYaml, path: str) -> tuple[Limb, ...] | 
     return tuple(whole) if len(whole) == len(limbs) else None
 
 
-def _narrowed(section: Transmissions, chain: Chain) -> Chain:
-    joints = narrowed(section, chain.joints)
+def _transmission(file: RobotYaml, limb: str, chain: Chain, problems: list[Problem]) -> Transmission:
+    """Of a limb, right where no problem is added."""
+    section, keys = file.sections["transmissions"], file.sections["five_bar"]
+    joints, first = chain.joints, int(keys.first_joint) - 1
+    problems += transmission_problems(section, len(joints))
+    if first < 0 or problems:
+        return Transmission.of(section, 0 if problems else len(joints))
+    if keys.first_joint != first + 1 or first + 2 > len(joints):
+        expected = f"expected the number of a joint with another behind it, of {len(joints)}"
+        problems.append(Problem("five_bar.first_joint", f"{keys.first_joint:g}", expected))
+        return Transmission.of(section, len(joints))
+    at_zero, pair = _at_zero(chain), slice(first, first + 2)
+    if (found := geometry(at_zero.axes[pair], at_zero.points_m[pair])) is None:
+        expected = f"of limb {limb}, expected joints about parallel axes apart from each other"
+        problems.append(Problem("five_bar.first_joint", f"{keys.first_joint:g}", expected))
+        return Transmission.of(section, len(joints))
+    middle_rad = np.array([(joint.lower + joint.upper) / 2 for joint in joints[pair]])
+    five_bar = FiveBar(keys, *found, middle_rad)
+    problems += five_bar_problems(section, five_bar, limb)
+    return Transmission.of(section, len(joints), five_bar)
+
+
+def _with_joints(chain: Chain, joints: tuple[Joint, ...]) -> Chain:
     moving = (replace(step, joint=joint) for step, joint in zip(chain.steps, joints, strict=False))
     return Chain((*moving, chain.steps[-1]))
 
@@ -224,9 +262,16 @@ def _without_closed_form(limb: Limb) -> Limb:
     )
 
 
-def _limb(urdf: Urdf, name: str, bus: int, chain: Chain, fingers: tuple[str, str], section: Transmissions) -> Limb:
+def _limb(
+    urdf: Urdf,
+    name: str,
+    bus: int,
+    chain: Chain,
+    fingers: tuple[str, str],
+    transmission: Transmission,
+    actuators: Limits,
+) -> Limb:
     shoulder, _, elbow, wrist, *_, mount = chain.steps
-    transmission = Transmission.of(section, len(chain.joints))
     hand_mass, hand_com = _hand(urdf, chain.gripper_link, fingers)
     return Limb(
         name=name,
@@ -246,7 +291,7 @@ def _limb(urdf: Urdf, name: str, bus: int, chain: Chain, fingers: tuple[str, str
         closed_form=True,
         at_zero=_at_zero(chain),
         transmission=transmission,
-        actuators=transmission.reached(joint_limits(chain.joints)),
+        actuators=actuators,
     )
 
 

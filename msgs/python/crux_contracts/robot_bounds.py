@@ -22,6 +22,12 @@ MAX_MASS_KG = 100.0
 MIN_GYRATION_M = 1e-4  # radius of gyration about any axis
 MAX_GYRATION_M = 1.0
 
+FIVE_BAR_STEPS = 96  # of a joint's range, in which the ranges that a five-bar leaves are looked for
+CRANK_TURN_RAD = 3.0  # a five-bar's crank turns no further from where it is with its joints in their middle
+PARALLEL = 1e-6  # sine of the angle between axes that count as parallel
+SHORT_M = 1e-6  # what counts as no length
+FLAT = 1e-3  # least sine that slopes of a five-bar are reckoned with
+
 GAIN_MARGIN = 2.0  # so many times stiffer than described may be what a gripper meets
 MAX_DELAY_CYCLES = 64  # until what the admittance does is felt: as long as calibration remembers
 

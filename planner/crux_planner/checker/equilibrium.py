@@ -254,7 +254,7 @@ def check_torques(
     """
     torques, efforts, names = [], [], []
     for index, (limb, motion) in enumerate(zip(robot.limbs, motions, strict=True)):
-        torque, most_Nm, borne_by = limb.borne(held_torque(limb, motion.state, samples, index, gravity_w))
+        torque, most_Nm, borne_by = limb.borne(motion.state, held_torque(limb, motion.state, samples, index, gravity_w))
         torques.append(np.where(motion.reached[:, None], np.abs(torque), 0.0))
         efforts.append(most_Nm)
         names.append(borne_by)

@@ -64,9 +64,11 @@ def check_kinematics(
         turning = Turning("joint", names, q, torque, limb.lower_rad, limb.upper_rad, speeds, efforts)
         loads += _check_turning(turning, limb.name, reached, times, continuous_Nm, index, findings)
         if (by := limb.actuators) is not None:
-            moved, borne = by.angles_rad(q), by.torques_Nm(torque)
+            moved, borne = by.angles_rad(q), by.torques_Nm(q, torque)
             turning = Turning("actuator", by.names, moved, borne, by.low_rad, by.high_rad, by.speed_rad_s, by.torque_Nm)
             actuators += _check_turning(turning, limb.name, reached, times, continuous_Nm, index, findings)
+            if (singular := by.singular(q)) is not None:
+                findings.add_series("linkage_singular", np.where(reached, singular, -np.inf), times, "sine", limb=index)
         motions.append(LimbMotion(state, reached))
     return motions, loads, actuators
 

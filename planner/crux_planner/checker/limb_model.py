@@ -4,7 +4,7 @@ Frames and signs are the URDF's. Everything is computed in the body frame B with
 B by the caller. Nothing here knows the closed form of the limb: chains are walked joint by joint.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import accumulate
 from xml.etree import ElementTree
@@ -12,10 +12,11 @@ from xml.etree import ElementTree
 import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.urdf import link_shapes
-from crux_msgs.robot_keys import Transmissions
+from crux_msgs.robot_keys import FiveBar, Transmissions
 
 from crux_planner.checker.actuators import Actuators, read_actuators
 from crux_planner.checker.geometry import Array, about_z, cross, rotation_from_rpy, turned
+from crux_planner.checker.linkage import read_linkage
 
 
 class RobotModelError(ValueError):
@@ -72,13 +73,14 @@ class Joint:
 @dataclass(frozen=True)
 class ChainState:
     """Where one limb is, for n samples: link poses by name, (n, 3) and (n, 3, 3), joint origins (n, J, 3) and axes
-    (n, J, 3), in B. Views of arrays that lie component by component.
+    (n, J, 3), in B, of joints at (n, J). Views of arrays that lie component by component.
     """
 
     link_position_m: dict[str, Array]
     link_rotation: dict[str, Array]
     joint_origin_m: Array
     joint_axis: Array
+    q_rad: Array
 
 
 BEARERS = ("joint", "actuator")
@@ -108,14 +110,14 @@ class Limb:
         """Upper joint limits, shape (J,)."""
         return np.array([j.upper for j in self.joints])
 
-    def borne(self, torque_Nm: Array) -> tuple[Array, Array, tuple[str, ...]]:
-        """Of joint torques (T, J): torques (T, K) of all that has a limit, those (K,), and names: the joints, and
-        behind them actuators.
+    def borne(self, state: ChainState, torque_Nm: Array) -> tuple[Array, Array, tuple[str, ...]]:
+        """Of joint torques (T, J) in a state: torques (T, K) of all that has a limit, those (K,), and names: the
+        joints, and behind them actuators.
         """
         names, most_Nm = tuple(joint.name for joint in self.joints), np.array([joint.effort for joint in self.joints])
         if self.actuators is None:
             return torque_Nm, most_Nm, names
-        both = np.hstack([torque_Nm, self.actuators.torques_Nm(torque_Nm)])
+        both = np.hstack([torque_Nm, self.actuators.torques_Nm(state.q_rad, torque_Nm)])
         return both, np.concatenate([most_Nm, self.actuators.torque_Nm]), names + self.actuators.names
 
     @cached_property
@@ -160,6 +162,7 @@ class Limb:
             {name: np.broadcast_to(r, (3, 3, n)).T for name, r in rotations.items()},
             origins.T,
             axes.T,
+            q_rad,
         )
 
     def gravity_torque(self, state: ChainState, gravity_b_m_s2: Array) -> Array:
@@ -233,7 +236,7 @@ def axis_frame(axis: Array) -> Array:
 def load_model(robot: Robot) -> WholeRobot:
     """The robot's links, joints and shapes from its URDF. Raises RobotModelError."""
     limbs = tuple((limb.name, limb.gripper_link, limb.joint_names, limb.finger_joints) for limb in robot.limbs)
-    return read_model(robot.urdf_path.read_bytes(), robot.body_link, limbs, robot.transmissions)
+    return read_model(robot.urdf_path.read_bytes(), robot.body_link, limbs, robot.transmissions, robot.five_bar)
 
 
 @lru_cache(maxsize=4)
@@ -242,6 +245,7 @@ def read_model(
     body_link: str,
     limb_names: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...],
     transmissions: Transmissions | None = None,
+    five_bar: FiveBar | None = None,
 ) -> WholeRobot:
     """The same of a URDF, and of limbs by name, gripper link, joints from the body outwards, and finger joints; and of
     what turns the joints, where something else does.
@@ -266,8 +270,11 @@ def read_model(
         fingers = tuple(joints[finger] for finger in finger_joints)
         names = [j.child for j in chain] + [j.child for j in fingers]
         limits = np.array([(joint.velocity, joint.effort) for joint in moving])
-        actuators = read_actuators(transmissions, joint_names, *limits.T)
-        limbs.append(Limb(name, tuple(chain), fingers, moving, gripper, tuple(links[n] for n in names), actuators))
+        limb = Limb(name, tuple(chain), fingers, moving, gripper, tuple(links[n] for n in names))
+        at_zero = limb.forward(np.zeros((1, len(moving))))
+        middle_rad = (limb.lower_rad + limb.upper_rad) / 2
+        linkage = read_linkage(five_bar, at_zero.joint_origin_m[0], at_zero.joint_axis[0], middle_rad)
+        limbs.append(replace(limb, actuators=read_actuators(transmissions, linkage, joint_names, *limits.T)))
     return WholeRobot(links[body_link], tuple(limbs))
 
 

@@ -27,7 +27,8 @@ from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import Samples, sample_at
 
 WHOLE = 0.45  # of an interval: wrenches of the knot before have blended out, those of the next not begun
-_REACH = ("inverse_kinematics", "inverse_kinematics_orientation", "joint_position", "actuator_position")
+_REACH = ("inverse_kinematics", "inverse_kinematics_orientation", "joint_position", "actuator_position",
+          "linkage_singular")  # fmt: skip
 
 
 def check_uncertainty(
@@ -44,7 +45,8 @@ def check_uncertainty(
     centre = centre_of_mass(samples, model, [motion.state for motion in motions])
     surface = np.full((2, 4, len(samples.time_s)), -np.inf)
     own = [np.zeros((len(samples.time_s), len(limb.joints))) for limb in model.limbs]
-    bearers = [limb.borne(none)[2] for limb, none in zip(model.limbs, own, strict=True)]
+    each = zip(model.limbs, motions, own, strict=True)
+    bearers = [limb.borne(motion.state, none)[2] for limb, motion, none in each]
     torque = [np.full((len(samples.time_s), len(names)), -np.inf) for names in bearers]
     for force, moment in _corners(samples, centre, known, model.mass_kg, robot.control.twist_length_m):
         shared = replace(samples, force=force, moment=moment)
@@ -116,7 +118,7 @@ def _surface_excess(
 def _torque_excess(model: WholeRobot, index: int, motion: LimbMotion, shared: Samples, gravity_w: Array) -> Array:
     """(T, K) [N m] by which what a limb's joints hang on is asked for more than it can give."""
     limb = model.limbs[index]
-    torque, most_Nm, _ = limb.borne(held_torque(limb, motion.state, shared, index, gravity_w))
+    torque, most_Nm, _ = limb.borne(motion.state, held_torque(limb, motion.state, shared, index, gravity_w))
     beyond = np.abs(torque) - most_Nm
     return np.where(motion.reached[:, None], beyond, -np.inf)
 

@@ -177,8 +177,8 @@ def _places(robot: Robot, limb: int, planned: LimbReach, height_m: float) -> tup
     turns, stiffness, margin = np.full((3, *reached.shape), np.inf)
     q = reach.angles(poses.where(np.flatnonzero(reached)))
     gains = np.array(robot.servo.position_gain_Nm_rad[: len(own.joints)])
-    own_q, senses = q[:, : len(gains)], own.senses[: len(gains)]
-    of_joints = own.transmission.joint_stiffness_Nm_rad(own_q, gains) * np.outer(senses, senses)
+    senses = own.senses[: len(gains)]
+    of_joints = own.transmission.joint_stiffness_Nm_rad(senses * q[:, : len(gains)], gains) * np.outer(senses, senses)
     found = joint_turns(own, q, of_joints)
     turns[reached], stiffness[reached] = found.most_rad_m.max(axis=1), found.stiffness_N_m
     margin[reached] = joint_margin(own, q)

@@ -65,7 +65,7 @@ void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
     if (in.joint_state[i] == static_cast<int>(NodeState::kBoot)) command_torque_Nm_[j] = 0.0;
   }
   q_rad_ = transmission_.joints_rad(actuators_rad_);
-  torque_Nm_ = transmission_.joint_torque_Nm(actuators_Nm_);
+  torque_Nm_ = transmission_.joint_torque_Nm(actuators_Nm_, q_rad_);
   if (in.gripper_fresh[limb_] != 0 && std::isfinite(in.finger_opening_m[limb_]) &&
       std::isfinite(in.finger_speed_m_s[limb_]) && std::isfinite(in.finger_force_n[limb_])) {
     fingers_.see(in.finger_opening_m[limb_], in.finger_speed_m_s[limb_], in.finger_force_n[limb_]);
@@ -136,10 +136,10 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W, 
   ik_.q_rad = q_rad_;
   // A node that holds makes its torque from the feed-forward it had and from the distance of its setpoint.
   held_torque_Nm_ = command_torque_Nm_;
-  const JointVector unasked_Nm = transmission_.actuator_torque_Nm(torque_Nm_ - held_torque_Nm_);
+  const JointVector unasked_Nm = transmission_.actuator_torque_Nm(torque_Nm_ - held_torque_Nm_, q_rad_);
   JointVector actuators_off_rad;
   for (int j = 0; j < kJoints; ++j) actuators_off_rad[j] = unasked_Nm[j] / servo_.position_gain_Nm_rad[j];
-  held_offset_rad_ = transmission_.joint_ways(actuators_off_rad);
+  held_offset_rad_ = transmission_.joint_ways(actuators_off_rad, q_rad_);
   encoders_.restart();
   shaking_.restart();
 }
@@ -261,7 +261,7 @@ Capacity LimbController::capacity(const Contact& contact, const Matrix3& rotatio
   if (!transmission_.direct()) {
     JointVector efforts_Nm;
     for (int j = 0; j < kJoints; ++j) efforts_Nm[j] = joints_[j].effort_Nm;
-    capacity.max_torque_Nm = transmission_.within_torques(efforts_Nm, capacity.max_torque_Nm);
+    capacity.max_torque_Nm = transmission_.within_torques(efforts_Nm, capacity.max_torque_Nm, q_rad_);
   }
   return capacity;
 }
@@ -334,13 +334,14 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
   const Matrix3 rotation_BW = body_estimate_W.rotation.transpose();
   JointVector model_Nm =
       gravity_torque(state_, rotation_BW * gravity_W_m_s2) + contact_torque(state_, turned(wrench_W, rotation_BW));
-  JointVector friction_Nm = transmission_.actuator_ways(command_dq_rad_s_);
+  JointVector friction_Nm = transmission_.actuator_ways(command_dq_rad_s_, q_rad_);
   for (int j = 0; j < kJoints; ++j) friction_Nm[j] = servo_.damping_Nms_rad[j] * friction_Nm[j];
-  model_Nm += transmission_.joint_torque_Nm(friction_Nm);
-  for (int j = 0; j < kJoints; ++j) {
-    const double torque_Nm = held_torque_Nm_[j] + engagement * (model_Nm[j] - held_torque_Nm_[j]);
-    command_torque_Nm_[j] = std::clamp(torque_Nm, -joints_[j].effort_Nm, joints_[j].effort_Nm);
-  }
+  model_Nm += transmission_.joint_torque_Nm(friction_Nm, q_rad_);
+  JointVector actuators_Nm =
+      transmission_.actuator_torque_Nm(held_torque_Nm_ + engagement * (model_Nm - held_torque_Nm_), q_rad_);
+  for (int j = 0; j < kJoints; ++j)
+    actuators_Nm[j] = std::clamp(actuators_Nm[j], -actuators_[j].effort_Nm, actuators_[j].effort_Nm);
+  command_torque_Nm_ = transmission_.joint_torque_Nm(actuators_Nm, q_rad_);
 }
 
 double LimbController::torque_share() const noexcept {

@@ -7,19 +7,18 @@ namespace crux {
 
 void LimbController::write(NodeMode joint_mode, NodeMode gripper_mode,
                            crux_msgs::control_output_t& out) const noexcept {
-  JointVector led_rad, led_rad_s;
+  const JointVector unled_rad = transmission_.actuators_rad(command_q_rad_);
+  const JointVector led_rad = command_q_rad_ + setpoint_lead_rad_;
+  JointVector actuators_rad = transmission_.actuators_rad(led_rad);
+  JointVector actuators_rad_s = transmission_.actuator_ways(command_dq_rad_s_ + velocity_lead_rad_s_, led_rad);
+  const JointVector actuators_Nm = transmission_.actuator_torque_Nm(command_torque_Nm_, q_rad_);
   for (int j = 0; j < kJoints; ++j) {
-    const JointLimits& limits = joints_[j];
     // A lead beyond what a node takes would be clamped there, and reported.
-    const double q_rad = command_q_rad_[j];
-    led_rad[j] =
-        std::clamp(q_rad + setpoint_lead_rad_[j], std::min(q_rad, limits.lower_rad), std::max(q_rad, limits.upper_rad));
-    led_rad_s[j] =
-        std::clamp(command_dq_rad_s_[j] + velocity_lead_rad_s_[j], -limits.velocity_rad_s, limits.velocity_rad_s);
+    const JointLimits& limits = actuators_[j];
+    actuators_rad[j] = std::clamp(actuators_rad[j], std::min(unled_rad[j], limits.lower_rad),
+                                  std::max(unled_rad[j], limits.upper_rad));
+    actuators_rad_s[j] = std::clamp(actuators_rad_s[j], -limits.velocity_rad_s, limits.velocity_rad_s);
   }
-  const JointVector actuators_rad = transmission_.actuators_rad(led_rad);
-  const JointVector actuators_rad_s = transmission_.actuator_ways(led_rad_s);
-  const JointVector actuators_Nm = transmission_.actuator_torque_Nm(command_torque_Nm_);
   for (int j = 0; j < kJoints; ++j) {
     const int i = limb_ * kJoints + j;
     out.joint_mode[i] = static_cast<std::int8_t>(joint_mode);

@@ -48,14 +48,10 @@ bool small(const JointVector& errors) {
 }  // namespace
 
 InverseKinematics::InverseKinematics(const LimbDescription& limb, LimbKinematics& kinematics)
-    : turns_(limb.turns()), kinematics_(kinematics) {
-  for (int j = 0; j < kJoints; ++j) {
-    lower_rad_[j] = limb.joints[j].lower_rad;
-    upper_rad_[j] = limb.joints[j].upper_rad;
-    velocity_rad_s_[j] = limb.joints[j].velocity_rad_s;
-  }
+    : limits_(limb), turns_(limb.turns()), kinematics_(kinematics) {
   if (turns_ < kJoints) return;
-  const JointVector middle_rad = (lower_rad_ + upper_rad_) / 2.0;
+  JointVector middle_rad;
+  for (int j = 0; j < kJoints; ++j) middle_rad[j] = (limb.joints[j].lower_rad + limb.joints[j].upper_rad) / 2.0;
   Pose gripper;
   LimbJacobian jacobian;
   kinematics_.evaluate(middle_rad, gripper, jacobian);
@@ -63,27 +59,26 @@ InverseKinematics::InverseKinematics(const LimbDescription& limb, LimbKinematics
   spare_rad_ = spare_.dot(middle_rad);
 }
 
-void InverseKinematics::evaluate(const JointVector& q_rad, const Target& target, Errors& errors,
-                                 JointMatrix& jacobian) noexcept {
+void InverseKinematics::evaluate(const JointVector& q_rad, const Target& target, Linear& here) noexcept {
   Pose gripper;
   LimbJacobian of_gripper;
   kinematics_.evaluate(q_rad, gripper, of_gripper);
-  errors << weighted_error(target.gripper_B, gripper), kSpareLength_m * (target.spare_rad - spare_.dot(q_rad));
-  jacobian << of_gripper.topRows<3>(), kRotationLength_m * of_gripper.bottomRows<3>(),
+  here.errors << weighted_error(target.gripper_B, gripper), kSpareLength_m * (target.spare_rad - spare_.dot(q_rad));
+  here.jacobian << of_gripper.topRows<3>(), kRotationLength_m * of_gripper.bottomRows<3>(),
       kSpareLength_m * spare_.transpose();
 }
 
-JointVector InverseKinematics::damped_step(const JointMatrix& jacobian, const Errors& errors, const JointVector& q_rad,
-                                           double damping) const noexcept {
+JointVector InverseKinematics::damped_step(const Linear& here, const JointVector& q_rad, double damping,
+                                           const JointVector& lower_rad, const JointVector& upper_rad) const noexcept {
   JointVector dq = JointVector::Zero();
   // A joint that would leave its range is pinned to the limit and the rest solved again: at most all of them.
   Eigen::Matrix<bool, kJoints, 1> pinned = Eigen::Matrix<bool, kJoints, 1>::Constant(false);
   for (int pass = 0; pass <= turns_; ++pass) {
-    JointMatrix free = jacobian;
-    Errors rest = errors;
+    JointMatrix free = here.jacobian;
+    Errors rest = here.errors;
     for (int j = 0; j < turns_; ++j) {
       if (!pinned[j]) continue;
-      rest -= jacobian.col(j) * dq[j];
+      rest -= here.jacobian.col(j) * dq[j];
       free.col(j).setZero();
     }
     const JointMatrix normal = free * free.transpose() + damping * damping * JointMatrix::Identity();
@@ -92,7 +87,7 @@ JointVector InverseKinematics::damped_step(const JointMatrix& jacobian, const Er
     for (int j = 0; j < turns_; ++j) {
       if (pinned[j]) continue;
       dq[j] = step[j];
-      const double inside = std::clamp(q_rad[j] + dq[j], lower_rad_[j], upper_rad_[j]);
+      const double inside = std::clamp(q_rad[j] + dq[j], lower_rad[j], upper_rad[j]);
       if (inside == q_rad[j] + dq[j]) continue;
       dq[j] = inside - q_rad[j];
       pinned[j] = true;
@@ -104,6 +99,18 @@ JointVector InverseKinematics::damped_step(const JointMatrix& jacobian, const Er
   return largest > kMaxJointStep_rad ? JointVector(dq * (kMaxJointStep_rad / largest)) : dq;
 }
 
+JointVector InverseKinematics::stepped(const Linear& here, const JointVector& q_rad, double damping) const noexcept {
+  const auto within = [&](const JointVector& lower_rad, const JointVector& upper_rad) {
+    const JointVector dq = damped_step(here, q_rad, damping, lower_rad, upper_rad);
+    return JointVector((q_rad + dq).cwiseMax(lower_rad).cwiseMin(upper_rad));
+  };
+  const JointVector there_rad = within(limits_.lower_rad, limits_.upper_rad);
+  if (limits_.holds(there_rad)) return there_rad;
+  JointVector lower_rad, upper_rad;
+  limits_.edges(q_rad, lower_rad, upper_rad);
+  return limits_.as_far(q_rad, within(lower_rad, upper_rad));
+}
+
 IkResult InverseKinematics::solve(const Pose& target_B, const JointVector& start_rad, int max_iterations) noexcept {
   return solve(Target{target_B, spare_rad_}, start_rad, max_iterations);
 }
@@ -111,18 +118,15 @@ IkResult InverseKinematics::solve(const Pose& target_B, const JointVector& start
 IkResult InverseKinematics::solve(const Target& target, const JointVector& start_rad, int max_iterations) noexcept {
   // Levenberg-Marquardt: a step that does not bring the gripper nearer is taken back and damped more.
   double damping = kDamping_m;
-  JointMatrix jacobian, jacobian_there;
-  Errors errors, errors_there;
-  JointVector q_rad = start_rad.cwiseMax(lower_rad_).cwiseMin(upper_rad_);
-  evaluate(q_rad, target, errors, jacobian);
-  for (int iteration = 0; iteration < max_iterations && !small(errors); ++iteration) {
-    const JointVector dq = damped_step(jacobian, errors, q_rad, damping);
-    const JointVector there_rad = (q_rad + dq).cwiseMax(lower_rad_).cwiseMin(upper_rad_);
-    evaluate(there_rad, target, errors_there, jacobian_there);
-    if (errors_there.squaredNorm() < errors.squaredNorm()) {
+  Linear here, there;
+  JointVector q_rad = limits_.inside(start_rad);
+  evaluate(q_rad, target, here);
+  for (int iteration = 0; iteration < max_iterations && !small(here.errors); ++iteration) {
+    const JointVector there_rad = stepped(here, q_rad, damping);
+    evaluate(there_rad, target, there);
+    if (there.errors.squaredNorm() < here.errors.squaredNorm()) {
       q_rad = there_rad;
-      errors = errors_there;
-      jacobian = jacobian_there;
+      here = there;
       damping = std::max(damping / kDampingFactor, kDamping_m);
     } else {
       damping *= kDampingFactor;
@@ -130,12 +134,10 @@ IkResult InverseKinematics::solve(const Target& target, const JointVector& start
   }
   IkResult result;
   result.q_rad = q_rad;
-  result.missed_B_m = errors.head<3>();
+  result.missed_B_m = here.errors.head<3>();
   result.position_error_m = result.missed_B_m.norm();
-  result.rotation_error_rad = errors.segment<3>(3).norm() / kRotationLength_m;
-  if ((q_rad.array() <= lower_rad_.array()).any() || (q_rad.array() >= upper_rad_.array()).any()) {
-    result.limited |= kIkPositionLimit;
-  }
+  result.rotation_error_rad = here.errors.segment<3>(3).norm() / kRotationLength_m;
+  if (limits_.at_an_end(q_rad)) result.limited |= kIkPositionLimit;
   if (result.position_error_m > kPositionFailure_m || result.rotation_error_rad > kRotationFailure_rad) {
     result.limited |= kIkNoConvergence;
   }
@@ -146,12 +148,8 @@ IkResult InverseKinematics::step(const Pose& target_B, const JointVector& last_c
   const double spare_rad = spare_.dot(last_command_rad), most_rad = kSpareRate_rad_s * dt_s;
   const Target target{target_B, std::clamp(spare_rad_, spare_rad - most_rad, spare_rad + most_rad)};
   IkResult result = solve(target, last_command_rad, kIterationsPerCycle);
-  double share = 1.0;
   const JointVector dq = result.q_rad - last_command_rad;
-  for (int j = 0; j < turns_; ++j) {
-    const double allowed = velocity_rad_s_[j] * dt_s;
-    if (std::abs(dq[j]) > allowed) share = std::min(share, allowed / std::abs(dq[j]));
-  }
+  const double share = limits_.speed_share(dq, last_command_rad, dt_s);
   if (share < 1.0) {
     result.q_rad = last_command_rad + share * dq;
     result.limited |= kIkSpeedLimit;

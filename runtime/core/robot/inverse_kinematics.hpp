@@ -4,6 +4,7 @@
 #pragma once
 
 #include "core/robot/limb_kinematics.hpp"
+#include "core/robot/linkage_limits.hpp"
 
 namespace crux {
 
@@ -40,13 +41,21 @@ class InverseKinematics {
     double spare_rad = 0.0;  ///< along `spare_`
   };
 
-  IkResult solve(const Target& target, const JointVector& start_rad, int max_iterations) noexcept;
-  void evaluate(const JointVector& q_rad, const Target& target, Errors& errors, JointMatrix& jacobian) noexcept;
-  /// Damped least-squares step towards `error` that leaves every joint inside its limits.
-  JointVector damped_step(const JointMatrix& jacobian, const Errors& errors, const JointVector& q_rad,
-                          double damping) const noexcept;
+  /// Errors, and what small ways of the joints take off them.
+  struct Linear {
+    Errors errors;
+    JointMatrix jacobian;
+  };
 
-  JointVector lower_rad_, upper_rad_, velocity_rad_s_;
+  IkResult solve(const Target& target, const JointVector& start_rad, int max_iterations) noexcept;
+  void evaluate(const JointVector& q_rad, const Target& target, Linear& here) noexcept;
+  /// Damped least-squares step that leaves every joint inside these ranges.
+  JointVector damped_step(const Linear& here, const JointVector& q_rad, double damping, const JointVector& lower_rad,
+                          const JointVector& upper_rad) const noexcept;
+  /// Where that leads to inside the limits; along the edge of what a five-bar leaves.
+  JointVector stepped(const Linear& here, const JointVector& q_rad, double damping) const noexcept;
+
+  LinkageLimits limits_;
   JointVector spare_ = JointVector::Zero();  ///< the way; 0: of six turns there is none
   double spare_rad_ = 0.0;                   ///< how far the middle is along it
   int turns_;

@@ -90,8 +90,10 @@ std::vector<JointMatrix> limb_inertias(const LimbDescription& limb, const JointV
       for (const double roll : {0.5, 1.0}) {
         at(2, elbow), at(3, pitch), at(4, roll);
         dynamics.JntToMass(q_rad, inertia);
+        JointVector slots = JointVector::Zero();
+        slots.head(turns) = q_rad.data;
         inertias.emplace_back(JointMatrix::Zero()).topLeftCorner(turns, turns) = inertia.data;
-        inertias.back() = limb.transmission.at_actuators(inertias.back());
+        inertias.back() = limb.transmission.at_actuators(inertias.back(), slots);
         inertias.back().diagonal() += armature_kg_m2;
         inertias.back().diagonal().tail(kJoints - limb.driven).setConstant(kStill_kg_m2);
       }

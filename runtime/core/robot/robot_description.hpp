@@ -21,8 +21,10 @@ struct LimbDescription {
   /// (still_turns.hpp). The gripper's segment carries the fingers' mass as well.
   KDL::Chain chain;
   Transmission transmission;
+  LimbLimits own{};        ///< of the joints, whatever turns them
   LimbLimits joints{};     ///< as far as the actuators let them
   LimbLimits actuators{};  ///< what their nodes take
+  Range crank;             ///< of the five-bar, where there is one
   int driven = kPlacing;   ///< joints; behind them come the turns, and slots that nothing fills
 
   /// How many of the slots the chain has.

@@ -6,6 +6,7 @@
 #include <fstream>
 #include <limits>
 #include <map>
+#include <optional>
 #include <sstream>
 #include <stdexcept>
 #include <vector>
@@ -79,22 +80,57 @@ void read_limb(const Urdf& urdf, const LimbChain& chain, LimbDescription& limb) 
   limb.hand_com_G_m = vector(hand.getCOG());
   std::size_t moving = 0;
   for (const UrdfJoint* joint : chain.joints) {
-    if (joint->kind != "fixed") limb.joints[moving++] = {joint->lower, joint->upper, joint->velocity, joint->effort};
+    if (joint->kind != "fixed") limb.own[moving++] = {joint->lower, joint->upper, joint->velocity, joint->effort};
     const bool last = joint == chain.joints.back();
     limb.chain.addSegment(segment(*joint, last ? hand : inertia_of(*urdf.link(joint->child))));
   }
   limb.driven = static_cast<int>(moving);
 }
 
+/// Middles of the ranges of joint number `first` and the next.
+FiveBar::Pair middles_rad(const LimbDescription& limb, int first) {
+  const auto middle = [&](int j) { return (limb.own[j].lower_rad + limb.own[j].upper_rad) / 2.0; };
+  return {middle(first), middle(first + 1)};
+}
+
+/// None where the robot has none.
+std::optional<FiveBar> five_bar_of(const crux_msgs::robot::FiveBar& section, const std::string& path,
+                                   const LimbDescription& limb) {
+  const double number = section.first_joint;
+  if (number == 0.0) return std::nullopt;
+  if (number != std::floor(number) || number + 1 > limb.driven)
+    refuse(path, "five_bar.first_joint", shown(number),
+           "expected the number of a joint with another behind it, of " + std::to_string(limb.driven));
+  const int first = static_cast<int>(number) - 1;
+  const std::optional<ParallelJoints> joints = parallel_joints(limb.chain, first);
+  if (!joints)
+    refuse(path, "five_bar.first_joint", shown(number),
+           "of limb " + limb.name + ", expected joints about parallel axes apart from each other");
+  const FiveBar five_bar(section, joints->apart_m, joints->sense, middles_rad(limb, first));
+  if (std::abs(section.bends) != 1.0) refuse(path, "five_bar.bends", shown(section.bends), "expected 1 or -1");
+  return five_bar;
+}
+
 /// Narrows the joints' limits by the actuators'.
-void add_transmission(const crux_msgs::robot::Transmissions& section, const std::string& path, LimbDescription& limb) {
-  limb.transmission = Transmission(section, limb.driven, path);
-  limb.joints = limb.transmission.within(limb.joints, own_limits(section));
+void add_transmission(const crux_msgs::robot::Sections& sections, const std::string& path, LimbDescription& limb) {
+  const crux_msgs::robot::Transmissions& section = sections.transmissions;
+  static_cast<void>(Transmission(section, limb.driven, path));  // what is wrong with it comes first
+  const std::optional<FiveBar> five_bar = five_bar_of(sections.five_bar, path, limb);
+  limb.transmission = Transmission(section, limb.driven, path, five_bar);
+  if (five_bar && !five_bar->closes_in_the_middle()) {
+    const double sine = five_bar->sine(middles_rad(limb, five_bar->first()));
+    refuse(path, "five_bar.least_sine",
+           sine > -1.0 ? shown(std::max(sine, 0.0), "%.2f") : "no angle: the rod does not reach",
+           "in the middle of the ranges of limb " + limb.name + ", expected at least " +
+               shown(sections.five_bar.least_sine) + ": other limits or lengths");
+  }
+  limb.joints = limb.transmission.within(limb.own, own_limits(section));
   for (int j = 0; j < limb.driven; ++j)
-    if (!(limb.joints[j].lower_rad < limb.joints[j].upper_rad))
+    if (limb.own[j].lower_rad < limb.own[j].upper_rad && !(limb.joints[j].lower_rad < limb.joints[j].upper_rad))
       refuse(path, "transmissions.low_rad", "",
              "expected limits of actuators between which joint " + std::to_string(j + 1) + " of limb " + limb.name +
                  " can turn");
+  if (five_bar) limb.crank = limb.transmission.crank_limits(own_limits(section));
 }
 
 /// Fills the sections of a description from a checked file.
@@ -187,11 +223,12 @@ RobotDescription read_robot(const std::string& yaml_path) {
   for (int l = 0; l < kLimbs; ++l) {
     LimbDescription& limb = robot.limbs[l];
     read_limb(urdf, chains[l], limb);
-    add_transmission(robot.transmissions, yaml_path, limb);
+    add_transmission(robot, yaml_path, limb);
     if (!add_still_turns(limb))
       refuse(urdf_path, "limb " + limb.name, "",
              "expected joints that move the gripper in all three directions from the middle of their ranges");
-    limb.actuators = limb.transmission.reached(limb.joints);  // slots that nothing fills are their own
+    // Slots that nothing fills are their own.
+    limb.actuators = limb.transmission.reached(limb.joints, limb.own, own_limits(robot.transmissions));
     for (int j = 0; j < limb.driven; ++j) fastest_rad_s = std::max(fastest_rad_s, limb.actuators[j].velocity_rad_s);
   }
   const KDL::RigidBodyInertia body = inertia_of(*urdf.link(body_link));

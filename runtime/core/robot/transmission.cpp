@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kLeastDeterminant = 1e-6;  // of actuators that move every joint
 constexpr double kRounding = 1e-9;          // of what does not move at all
+constexpr double kUnlimited = 1e9;          // the default of speeds and torques
 
 JointVector sizes(const LimbLimits& limits, double JointLimits::* which) {
   JointVector all;
@@ -26,6 +27,22 @@ JointVector shrunk(JointVector sizes, const JointMatrix& matrix, const JointVect
       if (row[j] > kRounding) sizes[j] *= share;
   }
   return sizes;
+}
+
+/// Of section five_bar and the one behind it.
+void check(const FiveBar& five_bar, const crux_msgs::robot::Transmissions& section, const std::string& path) {
+  const auto first = static_cast<std::size_t>(five_bar.first());
+  for (std::size_t j = 0; j < section.coupled_to.size(); ++j) {
+    const double number = section.coupled_to[j];
+    if (number != 0.0 && (j == first || j == first + 1 || number == static_cast<double>(first + 2)))
+      refuse(path, "transmissions.coupled_to[" + std::to_string(j) + "]", shown(number),
+             "expected no coupling of the five-bar's actuators, and none to its crank");
+  }
+  for (const auto& [key, values] : {std::pair{"speed_rad_s", section.speed_rad_s}, {"torque_Nm", section.torque_Nm}})
+    if (std::max(values[first], values[first + 1]) >= kUnlimited)
+      refuse(path, std::string("transmissions.") + key, "",
+             "expected those of the five-bar's actuators, number " + std::to_string(first + 1) + " and " +
+                 std::to_string(first + 2));
 }
 
 /// Angles of the joints that move an actuator; see Transmission::within.
@@ -52,8 +69,9 @@ void narrow(LimbLimits& joints, const JointVector& row, double offset_rad, const
 
 }  // namespace
 
-Transmission::Transmission(const crux_msgs::robot::Transmissions& section, int joints, const std::string& path)
-    : joints_(joints) {
+Transmission::Transmission(const crux_msgs::robot::Transmissions& section, int joints, const std::string& path,
+                           const std::optional<FiveBar>& five_bar)
+    : joints_(joints), five_bar_(five_bar) {
   for (int j = 0; j < joints; ++j) {
     const double number = section.coupled_to[j];
     if (number != std::floor(number) || number > joints || number == j + 1)
@@ -66,21 +84,66 @@ Transmission::Transmission(const crux_msgs::robot::Transmissions& section, int j
     if (section.coupled_to[j] > 0) matrix_(j, static_cast<int>(section.coupled_to[j]) - 1) += section.coupling[j];
   if (std::abs(matrix_.determinant()) < kLeastDeterminant)
     refuse(path, "transmissions.ratio", "", "expected actuators that move every joint");
+  if (five_bar_) check(*five_bar_, section, path);
   inverse_ = matrix_.inverse();
-  direct_ = matrix_ == JointMatrix::Identity() && offset_rad_.isZero(0.0);
+  direct_ = matrix_ == JointMatrix::Identity() && offset_rad_.isZero(0.0) && !five_bar_;
 }
 
-JointVector Transmission::within_torques(const JointVector& joints_Nm, const JointVector& most_Nm) const noexcept {
-  return shrunk(joints_Nm, inverse_.transpose(), most_Nm, joints_);
+JointMatrix Transmission::slope(const JointVector& q_rad) const noexcept {
+  if (!five_bar_) return matrix_;
+  const int first = five_bar_->first(), crank = first + 1;
+  const FiveBar::Slopes slopes = five_bar_->slopes(q_rad.segment<2>(first));
+  JointMatrix all = matrix_;  // whose column of the crank has the crank's actuator alone
+  all(crank, first) = matrix_(crank, crank) * slopes.first;
+  all(crank, crank) = matrix_(crank, crank) * slopes.next;
+  return all;
+}
+
+JointMatrix Transmission::slope_back(const JointVector& q_rad) const noexcept {
+  if (!five_bar_) return inverse_;
+  const int first = five_bar_->first(), crank = first + 1;
+  const FiveBar::Slopes slopes = five_bar_->slopes(q_rad.segment<2>(first));
+  JointMatrix all = inverse_;
+  all.row(crank) = (inverse_.row(crank) - slopes.first * inverse_.row(first)) / slopes.next;
+  return all;
+}
+
+JointVector Transmission::within_torques(const JointVector& joints_Nm, const JointVector& most_Nm,
+                                         const JointVector& q_rad) const noexcept {
+  return shrunk(joints_Nm, slope_back(q_rad).transpose(), most_Nm, joints_);
+}
+
+Range Transmission::crank_limits(const LimbLimits& actuators) const {
+  const int crank = five_bar_->first() + 1;
+  const double ratio = matrix_(crank, crank), offset_rad = offset_rad_[crank];
+  const JointLimits& own = actuators[crank];
+  const double one = (own.lower_rad - offset_rad) / ratio, other = (own.upper_rad - offset_rad) / ratio;
+  return {std::min(one, other), std::max(one, other)};
 }
 
 LimbLimits Transmission::within(const LimbLimits& joints, const LimbLimits& actuators) const {
   LimbLimits found = joints;
-  for (int i = 0; i < joints_; ++i) narrow(found, matrix_.row(i), offset_rad_[i], actuators[i]);
-  const JointVector speed = shrunk(sizes(joints, &JointLimits::velocity_rad_s), matrix_,
+  for (int i = 0; i < joints_; ++i)
+    if (!five_bar_ || i != five_bar_->first() + 1) narrow(found, matrix_.row(i), offset_rad_[i], actuators[i]);
+  JointMatrix speeds = matrix_, torques = inverse_.transpose();
+  if (five_bar_) {
+    const int first = five_bar_->first(), next = first + 1;
+    const auto range = [&](int j) { return Range{found[j].lower_rad, found[j].upper_rad}; };
+    const FiveBar::Ranges box = five_bar_->box({range(first), range(next)}, crank_limits(actuators));
+    for (const int i : {0, 1})
+      found[first + i].lower_rad = box[i].low_rad, found[first + i].upper_rad = box[i].high_rad;
+    if (box[0].low_rad > box[0].high_rad) return found;
+    const FiveBar::Steepest most = five_bar_->steepest(box);
+    JointMatrix by_speed = JointMatrix::Identity(), by_torque = JointMatrix::Identity();
+    by_speed(next, first) = most.speeds.first, by_speed(next, next) = most.speeds.next;
+    by_torque(first, next) = most.first_by_next, by_torque(next, next) = most.crank_by_next;
+    speeds = speeds.cwiseAbs() * by_speed;
+    torques = torques.cwiseAbs() * by_torque;
+  }
+  const JointVector speed = shrunk(sizes(joints, &JointLimits::velocity_rad_s), speeds,
                                    sizes(actuators, &JointLimits::velocity_rad_s), joints_);
   const JointVector torque =
-      within_torques(sizes(joints, &JointLimits::effort_Nm), sizes(actuators, &JointLimits::effort_Nm));
+      shrunk(sizes(joints, &JointLimits::effort_Nm), torques, sizes(actuators, &JointLimits::effort_Nm), joints_);
   for (int j = 0; j < kJoints; ++j) {
     found[j].velocity_rad_s = speed[j];
     found[j].effort_Nm = torque[j];
@@ -88,14 +151,26 @@ LimbLimits Transmission::within(const LimbLimits& joints, const LimbLimits& actu
   return found;
 }
 
-LimbLimits Transmission::reached(const LimbLimits& joints) const {
-  if (direct_) return joints;
-  const JointVector low = sizes(joints, &JointLimits::lower_rad), high = sizes(joints, &JointLimits::upper_rad);
-  const JointVector middle = actuators_rad((low + high) / 2.0), half = matrix_.cwiseAbs() * ((high - low) / 2.0);
-  const JointVector speed = matrix_.cwiseAbs() * sizes(joints, &JointLimits::velocity_rad_s);
-  const JointVector torque = inverse_.transpose().cwiseAbs() * sizes(joints, &JointLimits::effort_Nm);
+LimbLimits Transmission::reached(const LimbLimits& left, const LimbLimits& joints, const LimbLimits& actuators) const {
+  if (direct_) return left;
+  const JointVector low = sizes(left, &JointLimits::lower_rad), high = sizes(left, &JointLimits::upper_rad);
+  const JointVector middle = matrix_ * ((low + high) / 2.0) + offset_rad_;
+  const JointVector half = matrix_.cwiseAbs() * ((high - low) / 2.0);
+  const JointVector speed = matrix_.cwiseAbs() * sizes(left, &JointLimits::velocity_rad_s);
+  const JointVector torque = inverse_.transpose().cwiseAbs() * sizes(left, &JointLimits::effort_Nm);
   LimbLimits found;
   for (int i = 0; i < kJoints; ++i) found[i] = {middle[i] - half[i], middle[i] + half[i], speed[i], torque[i]};
+  if (!five_bar_) return found;
+  const int first = five_bar_->first();
+  const std::array<Range, 2> turns{Range{joints[first].lower_rad, joints[first].upper_rad},
+                                   five_bar_->crank_range(crank_limits(actuators))};
+  for (const int i : {0, 1}) {
+    const double ratio = matrix_(first + i, first + i), offset_rad = offset_rad_[first + i];
+    const double one = ratio * turns[i].low_rad + offset_rad, other = ratio * turns[i].high_rad + offset_rad;
+    const JointLimits& own = actuators[first + i];
+    found[first + i] = {std::max(std::min(one, other), own.lower_rad), std::min(std::max(one, other), own.upper_rad),
+                        own.velocity_rad_s, own.effort_Nm};
+  }
   return found;
 }
 

@@ -1,5 +1,6 @@
 // The real-time path allocates nothing; how long it takes. `core_bench` prints both, and fails on an allocation.
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <cstdio>
@@ -28,9 +29,10 @@ int main() {
   RobotDescription calibrating = robot();
   calibrating.calibrates = true;
   Climber run(sample_plan(), calibrating);
-  const RobotDescription geared = geared_robot();
-  ControlCore geared_core(geared);
-  if (!geared_core.load_plan(sample_plan()).empty()) return EXIT_FAILURE;
+  const std::array geared{geared_robot(), five_barred_robot()};
+  std::array<ControlCore, 2> geared_cores{ControlCore(geared[0]), ControlCore(geared[1])};
+  for (ControlCore& core : geared_cores)
+    if (!core.load_plan(sample_plan()).empty()) return EXIT_FAILURE;
   CycleResult geared_result;
   std::vector<double> microseconds;
   bool seen_climbing = false, taken_over = false;
@@ -57,10 +59,12 @@ int main() {
     run.core.step(in, run.result);
     const auto end = std::chrono::steady_clock::now();
     counting = false;
-    const crux_msgs::control_input_t of_geared = of_actuators(geared, in);
-    counting = true;
-    geared_core.step(of_geared, geared_result);
-    counting = false;
+    for (std::size_t g = 0; g < geared.size(); ++g) {
+      const crux_msgs::control_input_t of_geared = of_actuators(geared[g], in);
+      counting = true;
+      geared_cores[g].step(of_geared, geared_result);
+      counting = false;
+    }
     run.plant.obey(run.result);
     seen_climbing = seen_climbing || run.core.state() == SupervisorState::kClimbing;
     microseconds.push_back(std::chrono::duration<double, std::micro>(end - begin).count());

@@ -22,7 +22,7 @@ class PlantMap(ctypes.Structure):
     _fields_ = [
         ("body", c_int32),
         ("slots", c_int32),
-        *((name, c_int32 * JOINTS) for name in ("joint_qpos", "joint_dof", "joint_actuators")),
+        *((name, c_int32 * JOINTS) for name in ("driven_qpos", "driven_dof", "joint_actuators")),
         *((name, c_double * JOINTS) for name in ("ratio", "coupling", "offset_rad")),
         *((name, c_int32 * JOINTS) for name in ("coupled_to", "tendon")),
         *((name, c_int32 * PADS) for name in ("finger_qpos", "finger_dof", "finger_actuators", "spine_actuators")),

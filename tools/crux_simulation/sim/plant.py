@@ -98,7 +98,7 @@ class Plant:
 
     def _map(self) -> PlantMap:
         robot = self.robot
-        names = ("joint_qpos", "joint_dof", "joint_actuators", "finger_qpos", "finger_dof", "finger_actuators")
+        names = ("driven_qpos", "driven_dof", "joint_actuators", "finger_qpos", "finger_dof", "finger_actuators")
         places = PlantMap(body=robot.body, slots=robot.robot.slots)
         actuators = ("ratio", "coupling", "offset_rad", "coupled_to", "tendon")
         for name in (*names, *actuators, "ft_sensors", "gripper_sites", "pad_geoms"):

@@ -147,11 +147,12 @@ def _at(joint: Joint, value: np.ndarray) -> np.ndarray:
 def _joint_values(log: Telemetry, robot: Robot, rows: np.ndarray) -> tuple[list[str], np.ndarray]:
     """Names, and (n, len(names), 3): joints as measured, both fingers of a gripper as its opening."""
     inputs = log.inputs[rows]
+    told_rad = inputs["joint_position_rad"]
     joints = np.stack(
         [
-            joints_rad(robot, inputs["joint_position_rad"]),
-            joint_speeds_rad_s(robot, inputs["joint_velocity_rad_s"]),
-            joint_torques_Nm(robot, inputs["joint_torque_nm"]),
+            joints_rad(robot, told_rad),
+            joint_speeds_rad_s(robot, told_rad, inputs["joint_velocity_rad_s"]),
+            joint_torques_Nm(robot, told_rad, inputs["joint_torque_nm"]),
         ],
         axis=2,
     )

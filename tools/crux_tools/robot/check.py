@@ -30,6 +30,8 @@ def findings(robot: Described, friction: float, wall: Path | None = None) -> Ite
     yield _kinematics(robot.model)
     yield _masses(robot)
     yield _limits(robot.model)
+    if robot.sections["five_bar"].first_joint:
+        yield _five_bar(robot)
     reaches = [limb_reach(robot.model.body, limb, robot.sections) for limb in robot.model.limbs]
     yield _reach(reaches, robot.sections)
     if all(len(reach.places_m) > 0 for reach in reaches):
@@ -100,6 +102,24 @@ def _limits(model: WholeRobot) -> Finding:
         missing = [f"no limits: {', '.join(free)}" * bool(free), f"no peak torque: {', '.join(weak)}" * bool(weak)]
         return Finding("limits", BAD, found, "; ".join(filter(None, missing)))
     return Finding("limits", GOOD, found)
+
+
+def _five_bar(robot: Described) -> Finding:
+    """Of the first limb: what is left of its joints' ranges, and how near to singular the linkage comes there."""
+    bar = None if robot.robot is None else robot.robot.limbs[0].transmission.five_bar
+    if robot.robot is None or bar is None:
+        return Finding("five-bar", DOUBTFUL, "not looked at", "it is once planner and runtime take the robot")
+    assert robot.model is not None
+    pair = slice(bar.first, bar.first + 2)
+    left, own = robot.robot.limbs[0].joints[pair], robot.model.limbs[0].joints[pair]
+    ranges = ", ".join(
+        f"{now.name} {now.lower:.3g}..{now.upper:.3g} of {was.lower:.3g}..{was.upper:.3g} rad"
+        for now, was in zip(left, own, strict=True)
+    )
+    ends = [np.linspace(joint.lower, joint.upper, 50) for joint in left]
+    least = float(bar.sine(np.stack(np.meshgrid(*ends), axis=-1)).min())
+    found = f"planned within {ranges}, where the least sine is {least:.2f}, least_sine {bar.section.least_sine:g}"
+    return Finding("five-bar", GOOD, found)
 
 
 def _reach(reaches: list[LimbReach], sections: dict[str, Any]) -> Finding:

@@ -74,7 +74,8 @@ def _model(files: RobotFiles, root: ET.Element) -> WholeRobot:
         (name, *_full((names.gripper_frame,), limb), _full(names.joints, limb), _full(names.finger_joints, limb))
         for name, limb in keys.limbs.items()
     )
-    return read_model(ET.tostring(root), keys.top["body_link"], limbs, keys.sections["transmissions"])
+    between = keys.sections["transmissions"], keys.sections["five_bar"]
+    return read_model(ET.tostring(root), keys.top["body_link"], limbs, *between)
 
 
 def _full(names: Sequence[str], limb: dict[str, Any]) -> tuple[str, ...]:

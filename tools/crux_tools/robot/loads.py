@@ -14,7 +14,7 @@ from itertools import product
 
 import numpy as np
 from crux_contracts.scenario_types import GRAVITY_M_S2
-from crux_planner.checker.limb_model import Limb
+from crux_planner.checker.limb_model import ChainState, Limb
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, linprog
 
@@ -101,7 +101,7 @@ class _Program:
         self._torque, own, surfaces = np.zeros((len(self._names), count)), [], []
         begin = 0
         for i, (limb, state) in enumerate(zip(limbs, stance.states, strict=True)):
-            own.append(_borne(limb, limb.gravity_torque(state, gravity_m_s2[None]))[0])
+            own.append(_borne(limb, state, limb.gravity_torque(state, gravity_m_s2[None]))[0])
             rows, begin = slice(begin, begin + len(limb.joints)), begin + len(limb.joints)
             if i not in self._grips:
                 continue
@@ -109,7 +109,7 @@ class _Program:
             forces, moments = _grip(stance.gripper(i)[1])
             self._wrench[i, :, at] = np.vstack([forces.T, moments.T])
             for k, (f, m) in enumerate(zip(forces, moments, strict=True)):
-                self._torque[rows, at.start + k] = _borne(limb, limb.contact_torque(state, f[None], m[None]))[0]
+                self._torque[rows, at.start + k] = _borne(limb, state, limb.contact_torque(state, f[None], m[None]))[0]
             surfaces += _limit_surface(friction, at, count)
         self._own, self._surfaces = np.concatenate(own), np.array(surfaces)
         arms = np.array([stance.gripper(i)[0] for i in range(len(limbs))])
@@ -158,8 +158,8 @@ class _Program:
         )
 
 
-def _borne(limb: Limb, torque_Nm: Array) -> Array:
-    return limb.actuators.torques_Nm(torque_Nm) if limb.actuators else torque_Nm
+def _borne(limb: Limb, state: ChainState, torque_Nm: Array) -> Array:
+    return limb.actuators.torques_Nm(state.q_rad, torque_Nm) if limb.actuators else torque_Nm
 
 
 def _limit_surface(friction: float, at: slice, count: int) -> list[Array]:

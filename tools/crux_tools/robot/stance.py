@@ -79,6 +79,8 @@ def limb_reach(body: Link, limb: Limb, sections: dict[str, Any]) -> LimbReach:
         good = (solution.position_error_m < FOUND_M) & (solution.rotation_error_rad < FOUND_RAD)
         inside = (solution.q_rad >= limb.lower_rad + MARGIN_RAD) & (solution.q_rad <= limb.upper_rad - MARGIN_RAD)
         good &= inside.all(axis=1)
+        if limb.actuators is not None:
+            good &= limb.actuators.keeps(solution.q_rad)
         good[good] = _clearance(body, limb, solution.q_rad[good], sections["gripper"].open_opening_m) >= CLEAR_M
         found.append(LimbReach(limb, float(yaw), height, places[good, :2], solution.q_rad[good]))
     return max(found, key=lambda each: len(each.places_m))

@@ -23,6 +23,7 @@ from crux_contracts.urdf import link_shapes
 from numpy.typing import NDArray
 
 from crux_tools.errors import UsageError
+from crux_tools.robot3d.linkages import add_linkages, driven_names
 from crux_tools.robot3d.wall import Face, add_wall
 
 CONTACT_SOLREF = (0.008, 1.0)  # stiff enough that a 20 N pad sinks in 0.05 mm, soft enough for 2 ms steps
@@ -53,7 +54,9 @@ class RobotModel:
     finger_qpos: Ints  # (4, 2)
     finger_dof: Ints  # (4, 2)
     joint_actuators: Ints  # (4 S,)
-    ratio: Floats  # (4 S,) of an actuator to its joint,
+    driven_qpos: Ints  # (4 S,) of what the actuators turn: joints, or cranks in place of some
+    driven_dof: Ints  # (4 S,)
+    ratio: Floats  # (4 S,) of an actuator to what it turns,
     coupling: Floats  # (4 S,) to the other joint that it moves,
     coupled_to: Ints  # (4 S,) which is this one, or itself
     offset_rad: Floats  # (4 S,)
@@ -152,11 +155,11 @@ def _add_idle_slots(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
-    servo = robot.servo
+    servo, driven = robot.servo, driven_names(robot)
     for limb in robot.limbs:
         for index, (joint, turns) in enumerate(zip(limb.joints, limb.transmission.matrix, strict=True)):
-            own, ratio = spec.joint(joint.name), float(turns[index])
-            if joint.kind == "revolute":
+            own, ratio = spec.joint(driven.get(joint.name, joint.name)), float(turns[index])
+            if joint.kind == "revolute" and not limb.transmission.in_five_bar(index):
                 own.range = [joint.lower, joint.upper]
             inertia, damping = servo.armature_kg_m2[index], [servo.damping_Nms_rad[index], 0, 0]
             friction = servo.friction_Nm[index]
@@ -168,7 +171,7 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
                 continue
             own.armature, own.frictionloss = ratio**2 * inertia, abs(ratio) * friction
             own.damping = [ratio**2 * each for each in damping]
-            actuator = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            actuator = spec.add_actuator(name=joint.name, target=own.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             actuator.set_to_motor()
             actuator.gear[0] = ratio
 
@@ -220,6 +223,7 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
     spec.option.gravity = plan.gravity_w_m_s2
     _let_shapes_collide(spec)
     spec.body(robot.body_link).add_freejoint(name="root")
+    add_linkages(spec, robot)
     _add_servos(spec, robot)
     _add_idle_slots(spec, robot)
     _add_grippers(spec, robot)
@@ -258,6 +262,7 @@ def _actuators(model: mujoco.MjModel, robot: Robot) -> dict[str, Any]:
 
 def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face], point_feet: bool) -> RobotModel:
     joints, fingers = slot_names(robot), finger_joints(robot)
+    driven = [driven_names(robot).get(name, name) for name in joints]
     sites = np.array([model.site(_sensor_site(limb)).id for limb in robot.limbs])
     ft_sensors = [
         model.sensor_adr[i] + np.arange(3) for site in sites for i in np.flatnonzero(model.sensor_objid == site)
@@ -278,6 +283,8 @@ def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face], poin
         finger_qpos=np.array([model.joint(name).qposadr[0] for name in fingers]).reshape(4, 2),
         finger_dof=np.array([model.joint(name).dofadr[0] for name in fingers]).reshape(4, 2),
         joint_actuators=np.array([model.actuator(name).id for name in joints]),
+        driven_qpos=np.array([model.joint(name).qposadr[0] for name in driven]),
+        driven_dof=np.array([model.joint(name).dofadr[0] for name in driven]),
         **_actuators(model, robot),
         finger_actuators=np.array([model.actuator(name).id for name in fingers]).reshape(4, 2),
         spine_actuators=np.array(

@@ -12,6 +12,7 @@ from crux_contracts.robot_bounds import JOINTS
 from numpy.typing import NDArray
 
 from crux_tools.errors import UsageError
+from crux_tools.robot3d.linkages import close_linkages
 from crux_tools.robot3d.robot_model import Ints, RobotModel
 from crux_tools.telemetry.rotations import rotation_from_rpy
 
@@ -59,6 +60,15 @@ def _spare_ways(robot: RobotModel, data: mujoco.MjData, limb: int, qpos: Ints, d
     return np.asarray(ways[JOINTS:])
 
 
+def _limits_rad(robot: RobotModel, limb: int, dof: Ints) -> tuple[Floats, Floats]:
+    """(S,) each: those of the model, and of joints what the robot's actuators leave of them."""
+    low, high = robot.model.jnt_range[robot.model.dof_jntid[dof]].T
+    for j, joint in enumerate(robot.robot.limbs[limb].joints):
+        if joint.kind == "revolute":
+            low[j], high[j] = joint.lower, joint.upper
+    return low, high
+
+
 def solve_limb(
     robot: RobotModel,
     data: mujoco.MjData,
@@ -76,7 +86,7 @@ def solve_limb(
     slots = robot.robot.slots
     own = slice(slots * limb, slots * (limb + 1))
     qpos, dof = robot.joint_qpos[own], robot.joint_dof[own]
-    low, high = model.jnt_range[model.dof_jntid[dof]].T
+    low, high = _limits_rad(robot, limb, dof)
     middle = (low + high) / 2
     spare = _spare_ways(robot, data, limb, qpos, dof, middle)
     generator = np.random.default_rng(0)
@@ -128,11 +138,13 @@ def take_pose(robot: RobotModel, data: mujoco.MjData, pose: RobotPose, near: boo
     mujoco.mju_mat2Quat(data.qpos[3:7], rotation_from_rpy(pose.body_rpy_rad).ravel())
     data.qpos[robot.finger_qpos] = pose.finger_opening_m[:, None]
     turned = gripper_rotation(pose.gripper_yaw_rad, pose.gripper_tilt_rad)
-    return [
+    missed = [
         limb
         for limb in range(len(pose.gripper_yaw_rad))
         if not solve_limb(robot, data, limb, pose.gripper_position_m[limb], turned[limb], near)
     ]
+    close_linkages(robot.robot, robot.model, data)
+    return missed
 
 
 def take_start_pose(robot: RobotModel, data: mujoco.MjData, plan: Any) -> None:

@@ -124,6 +124,9 @@ class Figure:
         peaks = np.concatenate(self._peaks)
         if weak := [name for name, peak in zip(names, peaks, strict=True) if not 0 < peak < np.inf]:
             return {"why": f"no peak torque: {', '.join(weak)}"}
+        for limb, state in zip(self.model.limbs, where.states, strict=True):
+            if limb.actuators is not None and not limb.actuators.keeps(state.q_rad).all():
+                return {"why": f"{limb.name}: an actuator is beyond its limits, or a five-bar too near to singular"}
         most_N = self._described.sections["gripper"].max_finger_force_N
         found = joint_loads(where, slope_rad, self._peaks, self._friction, most_N, lifted)
         if found is None:
