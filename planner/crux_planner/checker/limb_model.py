@@ -272,8 +272,8 @@ def read_model(
         limits = np.array([(joint.velocity, joint.effort) for joint in moving])
         limb = Limb(name, tuple(chain), fingers, moving, gripper, tuple(links[n] for n in names))
         at_zero = limb.forward(np.zeros((1, len(moving))))
-        middle_rad = (limb.lower_rad + limb.upper_rad) / 2
-        linkage = read_linkage(five_bar, at_zero.joint_origin_m[0], at_zero.joint_axis[0], middle_rad)
+        range_rad = limb.lower_rad, limb.upper_rad
+        linkage = read_linkage(five_bar, at_zero.joint_origin_m[0], at_zero.joint_axis[0], range_rad)
         limbs.append(replace(limb, actuators=read_actuators(transmissions, linkage, joint_names, *limits.T)))
     return WholeRobot(links[body_link], tuple(limbs))
 

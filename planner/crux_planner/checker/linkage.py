@@ -69,9 +69,9 @@ class Linkage:
         return np.asarray(along[:, None] * line + aside[:, None] * np.stack([-line[:, 1], line[:, 0]], axis=1))
 
 
-def read_linkage(bar: FiveBar | None, origins_m: Array, axes: Array, middle_rad: Array) -> Linkage | None:
-    """Of a limb with joints at these places (J, 3) about these axes (J, 3), with all angles 0, and in the middle of
-    their ranges (J,). Raises ValueError where the two joints do not turn in one plane.
+def read_linkage(bar: FiveBar | None, origins_m: Array, axes: Array, range_rad: tuple[Array, Array]) -> Linkage | None:
+    """Of a limb with joints at these places (J, 3) about these axes (J, 3), with all angles 0, of which `range_rad` has
+    the lower and upper limits (J,). Raises ValueError where the two joints do not turn in one plane.
     """
     if bar is None or bar.first_joint == 0:
         return None
@@ -81,7 +81,8 @@ def read_linkage(bar: FiveBar | None, origins_m: Array, axes: Array, middle_rad:
     cosine, way = float(axes[i] @ axes[i + 1]), np.cross(axes[i], origins_m[i + 1] - origins_m[i])
     if abs(abs(cosine) - 1.0) > _PARALLEL or not way.any():
         raise ValueError("five_bar.first_joint: the axes of both joints are not parallel, or the same")
-    return Linkage(bar, i, float(np.linalg.norm(way)), np.sign(cosine), middle_rad[i : i + 2])
+    low, high = (limit[i : i + 2] for limit in range_rad)
+    return Linkage(bar, i, float(np.linalg.norm(way)), np.sign(cosine), (low + high) / 2)
 
 
 _PARALLEL = 1e-9  # of a cosine
