@@ -104,7 +104,7 @@ JointVector InverseKinematics::stepped(const Linear& here, const JointVector& q_
     const JointVector dq = damped_step(here, q_rad, damping, lower_rad, upper_rad);
     return JointVector((q_rad + dq).cwiseMax(lower_rad).cwiseMin(upper_rad));
   };
-  const JointVector there_rad = within(limits_.lower_rad, limits_.upper_rad);
+  JointVector there_rad = within(limits_.lower_rad, limits_.upper_rad);
   if (limits_.holds(there_rad)) return there_rad;
   JointVector lower_rad, upper_rad;
   limits_.edges(q_rad, lower_rad, upper_rad);
