@@ -24,6 +24,8 @@ from crux_planner.pipeline.route import TOLERANCE_DEG, is_long, plan_route
 from crux_planner.pipeline.solve_and_check import Climb
 from crux_planner.trajectory.solution import Solution
 
+WAY_S = 10.0  # of CPU for each way that a part is tried by
+
 
 def plan_by_parts(climb: Climb) -> PlanResult | None:
     """A checked plan; None where a part is not found in time, has a grasp that the climb has not, or together they take
@@ -59,13 +61,12 @@ def _parts(climb: Climb) -> list[PlanResult] | None:
     speed = robot.body.max_speed_m_s / (np.cos(turn) + np.sin(turn) if turn < np.pi / 4 else np.sqrt(2.0))
     slower = replace(robot, body=replace(robot.body, max_speed_m_s=speed))  # along the axes of any part's first pose
     try:
-        for part in plan_route(climb.session.scenario, slower, log=climb.work.log):
+        for part in plan_route(climb.session.scenario, slower, time_limit_s=WAY_S, deadline=climb.session.deadline):
             parts.append(part)
             if climb.session.late:
                 climb.work.cut_short = True
                 return None
-    except InfeasibleError as none:
-        climb.work.log(str(none))
+    except InfeasibleError:
         return None
     return parts
 

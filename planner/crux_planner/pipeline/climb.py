@@ -84,10 +84,10 @@ def _plan_anyhow(climb: Climb, in_parts: InParts | None) -> PlanResult:
         if isinstance(found, PlanResult):
             return found
         none_level = found
-        if in_parts is not None and (joined := in_parts(climb)) is not None:
-            return _with_gap(climb, joined)
     held = tried.held_at_goal(climb)
     proof = None if held else disproved(climb, none_level)
+    if tried.far and in_parts is not None and (joined := in_parts(climb)) is not None:
+        return _with_gap(climb, joined)
     if (by_map := plan_by_map(climb, tried)) is not None:
         return _with_gap(climb, *by_map)
     for each, quickest in ((climb, True), (farther(climb), False)):

@@ -18,7 +18,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Cuboid, Scenario, parse_scenario
 from crux_contracts.scenario_document import scenario_document
 
-from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.errors import TIME_LIMIT, InfeasibleError, wrong
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_z
@@ -26,6 +26,7 @@ from crux_planner.pipeline.at_once import plan_at_once
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.replan import Planner
 from crux_planner.pipeline.restart import grasps_at
+from crux_planner.solvers import clock
 
 WAY_M = 0.8  # of a part, towards the goal
 FIRST_SHARE = 0.5  # of that for the first part, so that the robot can begin soon
@@ -57,12 +58,18 @@ class _Place:
 
 
 def plan_route(
-    scenario: Scenario, robot: Robot, *, time_limit_s: float = TIME_LIMIT_S, log: Callable[[str], None] | None = None
+    scenario: Scenario,
+    robot: Robot,
+    *,
+    time_limit_s: float = TIME_LIMIT_S,
+    log: Callable[[str], None] | None = None,
+    deadline: float = math.inf,
 ) -> Iterator[PlanResult]:
     """The parts of a route one after the other, each planned and checked when it is asked for.
 
     From the second on a part is given when the next one is found: one that leads nowhere may still end elsewhere.
-    `time_limit_s` is CPU time [s] for each way that a part is tried by. Raises ScenarioError for walks and for starts
+    `time_limit_s` is CPU time [s] for each way that a part is tried by; none is after the `deadline` (of
+    solvers.clock.now). Raises ScenarioError for walks and for starts
     in the air, InfeasibleError where a part is not found: those before it can be climbed.
     """
     if scenario.contact.model != "patch":
@@ -71,13 +78,14 @@ def plan_route(
         raise wrong(scenario, "start.air", ", ".join(scenario.start.air), "expected all limbs on holds")
     route = _Route(scenario, robot)
     begun = {name: {k: v for k, v in vars(scenario.start.grasps[name]).items() if v is not None} for name in LIMB_NAMES}
-    following = _Parts(route, route.start, begun, FIRST_SHARE, time_limit_s, log)
+    tried = _Tried(time_limit_s, deadline, log)
+    following = _Parts(route, route.start, begun, FIRST_SHARE, tried)
     if (held := following.next()) is None:
         raise following.failure
     yield held.result  # the robot may begin, so it does end there
     given = True
     while not held.last:
-        nexts = _Parts(route, *route.end_of(held.result), 1.0, time_limit_s, log)
+        nexts = _Parts(route, *route.end_of(held.result), 1.0, tried)
         if (found := nexts.next()) is not None:
             if not given:
                 yield held.result
@@ -99,6 +107,22 @@ def is_long(scenario: Scenario) -> bool:
 
 
 @dataclass(frozen=True)
+class _Tried:
+    """How each way of a part is tried: see `plan_route`."""
+
+    time_limit_s: float
+    deadline: float
+    log: Callable[[str], None] | None
+
+    def seconds(self, times: int = 1) -> float:
+        """For the next one. Raises InfeasibleError where the time is over."""
+        left_s = self.deadline - clock.now()
+        if left_s <= 0.0:
+            raise InfeasibleError(TIME_LIMIT, "time ran out")
+        return min(times * self.time_limit_s, left_s)
+
+
+@dataclass(frozen=True)
 class _Part:
     result: PlanResult
     last: bool
@@ -113,11 +137,9 @@ class _Parts:
         start: _Place,
         grasps: dict[str, Any],
         share: float,
-        time_limit_s: float,
-        log: Callable[[str], None] | None,
+        tried: _Tried,
     ) -> None:
-        self._route, self._start, self._grasps, self._share = route, start, grasps, share
-        self._time_limit_s, self._log = time_limit_s, log
+        self._route, self._start, self._grasps, self._share, self._tried = route, start, grasps, share, tried
         self._none: InfeasibleError | None = None  # why the first way gives none
         self._found = self._find()
 
@@ -137,18 +159,18 @@ class _Parts:
     def _find(self) -> Iterator[_Part]:
         """By the quickest moves, and where those give none, by all that `plan` tries."""
         goals = list(self._route.goals(self._start, self._share))
+        tried = self._tried
         for goal, last in goals:
             try:
                 planner = Planner(self._route.part(self._start, self._grasps, goal), self._route.robot)
-                yield _Part(planner.plan(time_limit_s=self._time_limit_s, log=self._log), last)
+                yield _Part(planner.plan(time_limit_s=tried.seconds(), log=tried.log), last)
             except InfeasibleError as none:
                 self._none = self._none or none
         for goal, last in goals[:THOROUGH]:
             part = self._route.part(self._start, self._grasps, goal)
             with suppress(InfeasibleError):
                 yield _Part(
-                    plan_at_once(part, self._route.robot, time_limit_s=THOROUGH * self._time_limit_s, log=self._log),
-                    last,
+                    plan_at_once(part, self._route.robot, time_limit_s=tried.seconds(THOROUGH), log=tried.log), last
                 )
 
 

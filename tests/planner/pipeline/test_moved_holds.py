@@ -105,7 +105,7 @@ def test_quick_says_why_it_finds_nothing_in_place_of_planning_from_scratch(monke
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("planned from scratch")
 
-    monkeypatch.setattr("crux_planner.pipeline.replan.plan", refuse)
+    monkeypatch.setattr("crux_planner.pipeline.replan.plan_at_once", refuse)
     planner = Planner(wall(), load_robot("scaler"))
     begin, after = ({limb.hold for limb in running().knots[k].limbs} for k in stances(running())[:2])
     (lost,) = after - begin
