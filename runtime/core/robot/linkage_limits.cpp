@@ -6,7 +6,7 @@
 namespace crux {
 namespace {
 
-constexpr int kHalvings = 30;
+constexpr int kEdgeHalvings = 30;
 constexpr double kEdge_rad = 1e-6;  // what is nearer to the edge is at it
 
 /// The greatest share, to rounding, that `holds` where share 0 does.
@@ -14,7 +14,7 @@ template <class Holds>
 double greatest_share(const Holds& holds) noexcept {
   if (holds(1.0)) return 1.0;
   double in = 0.0, out = 1.0;
-  for (int i = 0; i < kHalvings; ++i) {
+  for (int i = 0; i < kEdgeHalvings; ++i) {
     const double middle = (in + out) / 2.0;
     (holds(middle) ? in : out) = middle;
   }

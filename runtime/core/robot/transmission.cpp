@@ -35,7 +35,7 @@ void check(const FiveBar& five_bar, const crux_msgs::robot::Transmissions& secti
   for (std::size_t j = 0; j < section.coupled_to.size(); ++j) {
     const double number = section.coupled_to[j];
     if (number != 0.0 && (j == first || j == first + 1 || number == static_cast<double>(first + 2)))
-      refuse(path, "transmissions.coupled_to[" + std::to_string(j) + "]", shown(number),
+      refuse(path, "transmissions.coupled_to[" + std::to_string(j) + "]", crux::shown(number),
              "expected no coupling of the five-bar's actuators, and none to its crank");
   }
   for (const auto& [key, values] : {std::pair{"speed_rad_s", section.speed_rad_s}, {"torque_Nm", section.torque_Nm}})
@@ -75,7 +75,7 @@ Transmission::Transmission(const crux_msgs::robot::Transmissions& section, int j
   for (int j = 0; j < joints; ++j) {
     const double number = section.coupled_to[j];
     if (number != std::floor(number) || number > joints || number == j + 1)
-      refuse(path, "transmissions.coupled_to[" + std::to_string(j) + "]", shown(number),
+      refuse(path, "transmissions.coupled_to[" + std::to_string(j) + "]", crux::shown(number),
              "expected 0 or the number of another joint, at most " + std::to_string(joints));
     matrix_(j, j) = section.ratio[j];
     offset_rad_[j] = section.offset_rad[j];
