@@ -54,21 +54,16 @@ def plan_by_parts(climb: Climb) -> PlanResult | None:
 
 
 def _parts(climb: Climb) -> list[PlanResult] | None:
-    parts, robot = list[PlanResult](), climb.session.robot
-    if not is_long(climb.session.scenario):
+    session, robot = climb.session, climb.session.robot
+    if not is_long(session.scenario):
         return None
     turn = abs(float(climb.problem.goal.body.rpy_rad[2])) + np.radians(TOLERANCE_DEG)
     speed = robot.body.max_speed_m_s / (np.cos(turn) + np.sin(turn) if turn < np.pi / 4 else np.sqrt(2.0))
     slower = replace(robot, body=replace(robot.body, max_speed_m_s=speed))  # along the axes of any part's first pose
     try:
-        for part in plan_route(climb.session.scenario, slower, time_limit_s=WAY_S, deadline=climb.session.deadline):
-            parts.append(part)
-            if climb.session.late:
-                climb.work.cut_short = True
-                return None
+        return list(plan_route(session.scenario, slower, time_limit_s=WAY_S, deadline=session.deadline))
     except InfeasibleError:
         return None
-    return parts
 
 
 def _read(problem: Problem, parts: Sequence[PlanResult]) -> list[RemainingPlan] | None:
