@@ -128,13 +128,13 @@ def start_is_well_formed(scenario: Scenario) -> bool:
     """Whether a scenario of a climb would be planned at all, or found infeasible, and not be refused as wrong."""
     from crux_planner.errors import InfeasibleError
     from crux_planner.model.build import build_problem
-    from crux_planner.pipeline.explanation import check_start, check_trunk
+    from crux_planner.pipeline.explanation import check_clear, check_start
     from crux_planner.search.equilibrium import StaticEquilibrium
 
     try:
         robot = load_robot(scenario.robot)
         problem = build_problem(scenario, robot)
-        check_trunk(scenario, problem, robot)
+        check_clear(scenario, problem, robot)
         check_start(scenario, problem, StaticEquilibrium(problem, problem.friction_share))
     except ScenarioError:
         return False

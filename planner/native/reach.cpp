@@ -112,6 +112,14 @@ bool pose_apart(const crux_reach_capsules& one, const crux_reach_capsules& two, 
   return true;
 }
 
+Vector placed(const double* origin, const double* axes, const double* point) {
+  Vector found{};
+  for (std::size_t a = 0; a < 3; ++a) {
+    found[a] = origin[a] + axes[3 * a] * point[0] + axes[3 * a + 1] * point[1] + axes[3 * a + 2] * point[2];
+  }
+  return found;
+}
+
 /// Calls `use(block, count, first)` for all poses, so many at once, of which the first is number `first`.
 template <typename Use>
 void for_blocks(const crux_reach_arm& arm, const crux_reach_poses& poses, const Use& use) {
@@ -179,5 +187,21 @@ void crux_reach_apart(const crux_reach_capsules* one, const crux_reach_capsules*
                       int64_t hands, uint8_t* apart) {
   for (std::int64_t pose = 0; pose < poses; ++pose) {
     apart[pose] = crux::pose_apart(*one, *two, pose, clear_m, hands != 0) ? 1 : 0;
+  }
+}
+
+void crux_reach_off_boxes(const crux_reach_capsules* links, int64_t poses, const double* origins, const double* axes,
+                          const crux_reach_box* boxes, int64_t count, double clear_m, uint8_t* off) {
+  for (int64_t pose = 0; pose < poses; ++pose) {
+    bool clear = true;
+    for (int64_t k = 0; k < links->count && clear; ++k) {
+      const int64_t at = 3 * (pose * links->count + k);
+      if (links->hand[k] == 0) {
+        const crux::Vector start = crux::placed(origins + 3 * pose, axes + 9 * pose, links->starts + at);
+        const crux::Vector end = crux::placed(origins + 3 * pose, axes + 9 * pose, links->ends + at);
+        clear = crux::keeps_off(boxes, count, start, end, links->radius_m[k] + clear_m);
+      }
+    }
+    off[pose] = clear ? 1 : 0;
   }
 }

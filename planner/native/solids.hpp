@@ -79,10 +79,10 @@ inline bool keeps_off(const crux_reach_box& box, const Vector& first, const Vect
   return squared_distance(start, end - start, box.half_m) >= by_m * by_m;
 }
 
-/// Of one capsule, a link's, and all boxes of the trunk.
-inline bool keeps_off(const crux_reach_box* trunk, std::int64_t boxes, const Vector& start, const Vector& end,
+/// Of one capsule, a link's, and all of some boxes.
+inline bool keeps_off(const crux_reach_box* boxes, std::int64_t count, const Vector& start, const Vector& end,
                       double by_m) {
-  return std::all_of(trunk, trunk + boxes, [&](const auto& box) { return keeps_off(box, start, end, by_m); });
+  return std::all_of(boxes, boxes + count, [&](const auto& box) { return keeps_off(box, start, end, by_m); });
 }
 
 }  // namespace crux

@@ -12,7 +12,7 @@ import numpy as np
 from crux_contracts.gripper_frames import yaw_and_tilt
 from crux_contracts.scenario import Uncertainty
 
-from crux_planner.model.arrays import Array
+from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.hands import TILTED, UPRIGHT
@@ -169,6 +169,17 @@ class Problem(CentroidalProblem):
     def upright(self) -> bool:
         """Whether all faces and cuboids are, on one endless wall: proofs and bounds are about these alone."""
         return self.cuboids.upright and not self.leans and not self.surfaces.names
+
+    @cached_property
+    def tall(self) -> Flags:
+        """(V,) whether cuboids stand higher than the lowest palm, so that links and trunk may touch them."""
+        lowest_m = min((contact.centre_h_m[2] for contact in self.contacts), default=0.0)
+        return np.asarray(self.cuboids.top_m > self.shape.finger_height + lowest_m)
+
+    @cached_property
+    def solids(self) -> Cuboids:
+        """What trunk and links keep off besides each other: tall cuboids, and what lies behind bounded surfaces."""
+        return self.cuboids.some(self.tall).and_others(self.surfaces.slabs)
 
     @cached_property
     def follows(self) -> bool:

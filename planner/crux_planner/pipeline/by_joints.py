@@ -92,7 +92,7 @@ def solve_by_joints(
         refused = _worst(report, problem.dt_s)
         work.log(f"{refused_by(report)}; once more with less of those joints or of their reach")
         seen = partial(_moment, plan, problem, solution.body)
-        apart = (*_APART, *_OFF_SURFACES) if problem.surfaces.names else _APART
+        apart = (*_APART, *_OFF_SURFACES) if len(problem.solids.yaw_rad) else _APART
         answer, others = _answered(limits, report, seen, clear, apart)
         if any(each.constraint in apart for each in report.violations):
             answer = functions.nearer(answer, schedule, begun.path, solution.body)

@@ -12,7 +12,7 @@ from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.by_map import Tried, missing_at_goal, plan_by_map
 from crux_planner.pipeline.cause import cause
-from crux_planner.pipeline.explanation import check_start, check_trunk, explain, level_stance_at_goal, no_way_to
+from crux_planner.pipeline.explanation import check_clear, check_start, explain, level_stance_at_goal, no_way_to
 from crux_planner.pipeline.fallback import at_last, disproved, farther, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, method_settings
@@ -53,8 +53,8 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None, in_part
     with work.part("problem", 0.0):
         problem = build_problem(scenario, session.robot)
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
-        check_trunk(scenario, problem, session.robot)
         check_start(scenario, problem, equilibrium)
+        check_clear(scenario, problem, session.robot)
         climb = Climb(session, Oracles.of(problem, equilibrium))
     searching = replace(climb, session=replace(session, deadline=session.share_of_time(1.0 - REASON_SHARE)))
     work.bound = ClimbBoundWorker(worker, problem, prove_s)

@@ -15,6 +15,8 @@ from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
 from crux_planner.reach.arm import reaches_of
+from crux_planner.reach.poses import GripperPoses
+from crux_planner.reach.solids import gap_m
 from crux_planner.reach.trunk_clearance import boxes_of
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import Oracles, SearchReport, costs_to_go
@@ -64,14 +66,23 @@ def _missing_reach(scenario: Scenario, problem: Problem, limb: int) -> str | Non
     return f"{text}: it would be at {at}; {low:.3f}..{high:.3f} m is the middle of what {LIMB_NAMES[limb]} reaches"
 
 
-def check_trunk(scenario: Scenario, problem: Problem, robot: Robot) -> None:
-    """Raise ScenarioError where the trunk would start in a bounded surface."""
-    pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad])[None]
-    for name, slab in zip(problem.surfaces.names, boxes_of(problem.surfaces.slabs), strict=True):
-        gap_m = min(float(separation(box, slab, pose)[1][0]) for box in reaches_of(robot)[0].keep_off.trunk)
-        if gap_m < 0.0:
-            text = f"the trunk would be {-1000 * gap_m:.0f} mm inside {name}"
-            raise wrong(scenario, "start.body", point_text(problem, problem.start.position_m), text)
+def check_clear(scenario: Scenario, problem: Problem, robot: Robot) -> None:
+    """Raise ScenarioError where the trunk or links would start in a tall cuboid, or in what is behind a surface."""
+    start, boxes = problem.start, boxes_of(problem.solids)
+    pose, turn = np.concatenate([start.position_m, start.rpy_rad])[None], rotation_from_rpy(start.rpy_rad)
+    tall = [each.name for each, tall in zip(scenario.cuboids, problem.tall, strict=True) if tall]
+    hands = hands_of(np.array([problem.contacts[c].pose for c in problem.start_contacts]))
+    for name, box in zip((*tall, *problem.surfaces.names), boxes, strict=True):
+        gaps = {"the trunk": min(float(separation(t, box, pose)[1][0]) for t in reaches_of(robot)[0].keep_off.trunk)}
+        for limb, reach in enumerate(reaches_of(robot)):
+            place = (turn.T @ (hands[limb, :3] - start.position_m))[None]
+            links = reach.links(GripperPoses.of(place, (turn.T @ rotations(hands[limb]))[None]))
+            ends = (start.position_m + end[0, ~links.hand] @ turn.T for end in (links.start_m, links.end_m))
+            gaps[f"a link of {LIMB_NAMES[limb]}"] = float((gap_m((box,), *ends) - links.radius_m[~links.hand]).min())
+        what = min(gaps, key=lambda each: gaps[each])
+        if gaps[what] < 0.0:
+            text = f"{what} would be {-1000 * gaps[what]:.0f} mm inside {name}"
+            raise wrong(scenario, "start.body", point_text(problem, start.position_m), text)
 
 
 def _outside_m(scenario: Scenario, problem: Problem, limb: int) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from array import array
+from collections.abc import Sequence
 from ctypes import POINTER, c_double, c_int64, c_uint8
 from functools import cache
 from typing import Any
@@ -15,6 +16,7 @@ from crux_contracts.robot import Limb
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.sector import Sector
+from crux_planner.reach.solids import Box as Cuboid
 from crux_planner.reach.solids import Links, Solids
 
 NAME = "libcrux_reach.so"
@@ -85,6 +87,9 @@ def library() -> ctypes.CDLL | None:
         loaded.crux_reach_apart.restype = None
         two = [POINTER(_Capsules), POINTER(_Capsules)]
         loaded.crux_reach_apart.argtypes = [*two, c_int64, c_double, c_int64, POINTER(c_uint8)]
+        loaded.crux_reach_off_boxes.restype = None
+        placed = POINTER(c_double), POINTER(c_double), POINTER(Box), c_int64, c_double, POINTER(c_uint8)
+        loaded.crux_reach_off_boxes.argtypes = [two[0], c_int64, *placed]
     return loaded
 
 
@@ -98,7 +103,7 @@ def arm(
     clear_m: float,
 ) -> Arm:
     """A limb with least and most of two joints and the sectors of azimuth, joint 2 and joint 4."""
-    boxes = [Box(numbers(b.centre_m), numbers(b.rotation), numbers(b.half_m)) for b in keep_off.trunk]
+    boxes = _boxes(keep_off.trunk)
     shapes = (*keep_off.links, *keep_off.first)
     capsules = [Capsule(numbers(c.start_m), numbers(c.end_m), c.radius_m, c.frame) for c in shapes]
     return Arm(
@@ -107,7 +112,7 @@ def arm(
         *(numbers(np.array(each)) for each in (cos_elbow, sin_roll)),
         *(_sector(each) for each in sectors),
         clear_m,
-        (Box * len(boxes))(*boxes),
+        boxes,
         (Capsule * len(capsules))(*capsules),
         len(boxes),
         len(keep_off.links),
@@ -144,14 +149,37 @@ def links(compiled: ctypes.CDLL, limb: Arm, poses: GripperPoses) -> tuple[Array,
 
 def apart(compiled: ctypes.CDLL, first: Links, second: Links, clear_m: float, hands: bool) -> Flags:
     """(n,) where two limbs keep their links (n, P, 3) off each other, as `between.apart`."""
-    limbs = []
-    for each in (first, second):
-        parts = [np.ascontiguousarray(part) for part in (each.start_m, each.end_m, each.radius_m)]
-        hand = np.ascontiguousarray(each.hand, dtype=np.bool_)
-        limbs.append((parts, hand, _Capsules(*map(doubles, parts), flags(hand), len(hand))))
+    one, two = _capsules(first), _capsules(second)
     found = np.empty(len(first.start_m), dtype=np.bool_)
-    compiled.crux_reach_apart(limbs[0][2], limbs[1][2], len(found), clear_m, hands, flags(found))
+    compiled.crux_reach_apart(one, two, len(found), clear_m, hands, flags(found))
     return found
+
+
+def off_boxes(links: Links, origins_m: Array, axes: Array, solids: Sequence[Cuboid], clear_m: float) -> Flags:
+    """(n,) where a limb's links (n, P, 3), its gripper's left out, keep off boxes by so much, with the body's origin at
+    (n, 3) and its axes the columns of (n, 3, 3), both as the boxes are.
+
+    FileNotFoundError where the library has not been built.
+    """
+    origins, turned = (np.ascontiguousarray(each, dtype=float) for each in (origins_m, axes))
+    found = np.empty(len(origins), dtype=np.bool_)
+    given = len(origins), doubles(origins), doubles(turned), _boxes(solids), len(solids), clear_m, flags(found)
+    (library() or needed_library(NAME)).crux_reach_off_boxes(_capsules(links), *given)
+    return found
+
+
+def _boxes(solids: Sequence[Cuboid]) -> Any:
+    boxes = [Box(numbers(each.centre_m), numbers(each.rotation), numbers(each.half_m)) for each in solids]
+    return (Box * len(boxes))(*boxes)
+
+
+def _capsules(links: Links) -> _Capsules:
+    """It keeps its arrays alive."""
+    parts = [np.ascontiguousarray(part) for part in (links.start_m, links.end_m, links.radius_m)]
+    hand = np.ascontiguousarray(links.hand, dtype=np.bool_)
+    made = _Capsules(*map(doubles, parts), flags(hand), len(hand))
+    made.kept = parts, hand
+    return made
 
 
 def given(poses: GripperPoses, side: Sector) -> tuple[Poses, tuple[int, ...], list[Array]]:

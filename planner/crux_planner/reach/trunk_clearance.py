@@ -10,8 +10,9 @@ import numpy as np
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.reach import native
 from crux_planner.reach.body_grid import BodyGrid
-from crux_planner.reach.solids import Box, Links, apart, gap_m
+from crux_planner.reach.solids import Box, Links
 
 _PARALLEL = 1e-6  # sine of the angle between two edges
 
@@ -38,19 +39,7 @@ def off_slabs(grid: BodyGrid, trunk: Sequence[Box], slabs: Cuboids, clear_m: flo
 
 def links_off_slabs(poses: Array, links: Links, slabs: Cuboids, clear_m: float) -> Flags:
     """(n,) whether all links of a limb but its gripper's are so far off every slab, for body poses (n, 6)."""
-    clear, to_h = np.ones(len(poses), dtype=bool), rotation_from_rpy(poses[:, 3:])
-    boxes = boxes_of(slabs)
-    for index in np.flatnonzero(~links.hand):
-        ends = (links.start_m[:, index], links.end_m[:, index])
-        start, end = (poses[:, :3] + (to_h @ each[..., None])[..., 0] for each in ends)
-        need = np.full(len(poses), links.radius_m[index] + clear_m)
-        for box in boxes:
-            up = box.rotation[:, 2]
-            over = np.minimum(start @ up, end @ up) >= up @ box.centre_m + box.half_m[2] + need  # of its top: most are
-            some = np.flatnonzero(clear & ~over)
-            some = some[~apart(box, start[some], end[some], need[some])]
-            clear[some] = gap_m((box,), start[some], end[some]) >= need[some]
-    return clear
+    return native.off_boxes(links, poses[:, :3], rotation_from_rpy(poses[:, 3:]), boxes_of(slabs), clear_m)
 
 
 def boxes_of(slabs: Cuboids) -> tuple[Box, ...]:

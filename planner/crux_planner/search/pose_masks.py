@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from crux_contracts.robot import Robot
+from crux_contracts.robot import Limb, Robot
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.hands import hands_of
@@ -35,6 +35,7 @@ _LOOKS, _NEAREST = 16, 6  # at poses of a set for one that motors hold; of these
 _HEIGHTS = 3  # of a grid that share what balances at the highest of them
 _HULL_STEP_M = 0.01
 _SAME = 1e-9
+_THICK_M = 0.05  # of a link and what it keeps off solids, at most
 _NEARBY = (0.15, np.inf, np.inf, 0.05, 0.06, 0.06)  # yaw, roll, pitch [rad], z, x, y [m]
 _TURN_M = 0.3  # of way that a radian counts as
 LEANING_RAD = 0.28  # beyond tilts of start and goal where grasps lean farther
@@ -90,7 +91,7 @@ def tilts_of(problem: Problem) -> Array:
 
 class PoseMasks:
     """Masks of one problem over one grid, each made once; joints keep `margin_rad` off their limits, links `clear_m`
-    off the trunk and other limbs', and the trunk off bounded surfaces.
+    off the trunk and other limbs', and both off solids.
     """
 
     def __init__(
@@ -98,6 +99,8 @@ class PoseMasks:
     ) -> None:
         self.problem, self.grid, self.clear_m = problem, grid, clear_m
         self.reaches = reaches_of(robot, margin_rad, clear_m)
+        self._solid = bool(len(problem.solids.yaw_rad))
+        self._span_m = [_span_m(limb) for limb in robot.limbs]
         self.at_moments: dict[MomentKey, Flags] = {}  # of the last schedule that was looked at
         self._held: dict[tuple[int, Gripper], Flags] = {}
         self._apart: dict[tuple[Gripper | int | None, ...], tuple[Flags, Flags]] = {}
@@ -113,30 +116,33 @@ class PoseMasks:
         return self._near(self.problem.start, tilts_of(self.problem)[0], 1)
 
     @cached_property
-    def _off_surfaces(self) -> Flags:
-        """Where the trunk keeps off bounded surfaces."""
-        return off_slabs(self.grid, self.reaches[0].keep_off.trunk, self.problem.surfaces.slabs, self.clear_m)
+    def _trunk_clear(self) -> Flags:
+        """Where the trunk keeps off solids."""
+        return off_slabs(self.grid, self.reaches[0].keep_off.trunk, self.problem.solids, self.clear_m)
 
     def at(self, contact: int) -> Gripper:
         """A gripper that holds on."""
         return gripper(self.problem.contacts[contact].pose)
 
     def held(self, limb: int, there: Gripper) -> Flags:
-        """From where a limb has its gripper there, links off the trunk, and both off bounded surfaces."""
+        """From where a limb has its gripper there, links off the trunk, and both off solids."""
         key = limb, there
         if key not in self._held:
             mask = np.broadcast_to(self._reached(limb, self.grid.seen(np.array(there))), self.grid.shape)
-            if self.problem.surfaces.names:
-                mask = mask & self._off_surfaces
+            if self._solid:
+                mask = mask & self._trunk_clear
                 cells = np.flatnonzero(mask)
                 mask.reshape(-1)[cells] = self._links_off(limb, there, cells)
             self._held[key] = mask
         return self._held[key]
 
     def _links_off(self, limb: int, there: Gripper, cells: Indices) -> Flags:
-        """(n,) cells at which a limb keeps off bounded surfaces."""
-        links, slabs = self.reaches[limb].links(self.grid.seen(np.array(there), cells)), self.problem.surfaces.slabs
-        return links_off_slabs(self.grid.poses(cells), links, slabs, self.clear_m)
+        """(n,) cells at which a limb keeps off solids."""
+        near = self.problem.solids.near(np.array(there[:3]), self._span_m[limb])
+        if not len(near.yaw_rad) or not len(cells):
+            return np.ones(len(cells), dtype=bool)
+        links = self.reaches[limb].links(self.grid.seen(np.array(there), cells))
+        return links_off_slabs(self.grid.poses(cells), links, near, self.clear_m)
 
     def held_within(self, mask: Flags, limb: int, there: Gripper) -> Flags:
         """The part of a mask from which a limb has its gripper there: on its way, where others leave few poses."""
@@ -144,7 +150,7 @@ class PoseMasks:
             return np.asarray(mask & self.held(limb, there))
         cells, found = np.flatnonzero(mask), np.zeros(mask.shape, dtype=bool)
         cells = cells[self._reached(limb, self.grid.seen(np.array(there), cells))]
-        if self.problem.surfaces.names:
+        if self._solid:
             cells = cells[self._links_off(limb, there, cells)]
         found.reshape(-1)[cells] = True
         return found
@@ -176,8 +182,8 @@ class PoseMasks:
         grippers, grid = [gripper(hand) for hand in hands], self.grid
         at, mask = pose[[5, 3, 4, 2, 0, 1]], np.zeros(grid.shape, dtype=bool)
         mask[np.ix_(*(np.abs(axis - p) <= near for axis, p, near in zip(grid.axes, at, _NEARBY, strict=True)))] = True
-        if self.problem.surfaces.names:
-            mask &= self._off_surfaces
+        if self._solid:
+            mask &= self._trunk_clear
         for limb, there in enumerate(grippers):
             mask = self.held_within(mask, limb, there)
         mask = self.apart(mask, grippers)
@@ -202,14 +208,14 @@ class PoseMasks:
         return np.asarray((clear & (mine[i] != theirs[j])).reshape(len(mine), len(theirs)))
 
     def held_at_goal(self, limb: int, contacts: list[int]) -> list[int]:
-        """Those of the contacts that a limb holds with the body at the goal, links off the trunk and both off bounded
-        surfaces.
+        """Those of the contacts that a limb holds with the body at the goal, its links off the trunk and both off
+        solids.
         """
         if not contacts:
             return []
         held = self._reached(limb, self._seen_at_goal(contacts))
         found = [c for c, ok in zip(contacts, held, strict=True) if ok]
-        if self.problem.surfaces.names:
+        if self._solid:
             found = [c for c in found if (self.held(limb, self.at(c)) & self.goal).any()]
         return found
 
@@ -232,6 +238,11 @@ class PoseMasks:
         found = np.zeros(self.grid.shape, dtype=bool)
         found[tuple(slice(max(0, i - cells), i + cells + 1) for i in cell)] = True
         return found
+
+
+def _span_m(limb: Limb) -> float:
+    """No link is farther from its gripper, its thickness and what it keeps off included."""
+    return limb.upper_link_m + limb.lower_link_m + limb.wrist_to_gripper_m + _THICK_M
 
 
 def gripper(pose: Array) -> Gripper:

@@ -30,9 +30,7 @@ class LinkClearance:
 
     def __init__(self, problem: Problem, swings: SwingCache) -> None:
         self.problem, self.swings = problem, swings
-        cuboids, shape = problem.cuboids, problem.shape
-        tall = cuboids.top_m > shape.finger_height + min((c.centre_h_m[2] for c in problem.contacts), default=0.0)
-        self.tall = cuboids.some(tall).and_others(problem.surfaces.slabs)
+        self.tall = problem.solids
         self.anything = bool(len(self.tall.yaw_rad))  # stands that high
         self._radii = problem.limb_radii_m
 

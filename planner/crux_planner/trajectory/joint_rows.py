@@ -78,7 +78,7 @@ class JointFunctions(StageFunctions):
     @cached_property
     def ends(self) -> Ends:
         """Of the limbs' capsules."""
-        return Ends(self.reaches, self.problem.surfaces.slabs)
+        return Ends(self.reaches, self.problem.solids)
 
     @cached_property
     def _placed(self) -> Mapped:
@@ -184,7 +184,7 @@ class JointFunctions(StageFunctions):
         """As usual, and near the path at knots at which limbs would be in each other's way elsewhere."""
         tilt_rad = problem.body.max_tilt_rad if problem.follows else None  # joints' limits hold at any
         low, high = body_bounds(problem, schedule, tilt_rad)
-        level = not problem.surfaces.names  # where there are bounded surfaces, height and tilt keep the trunk off them
+        level = not len(problem.solids.yaw_rad)  # where there are solids, height and tilt keep the trunk off them
         moves = np.array(_MOVES if level else range(POSE))
         per_m = np.where(moves < 3, 1.0, _PATH_RAD_M)
         for k in np.flatnonzero(np.isfinite(self.limits.near_m))[:-1].tolist():
