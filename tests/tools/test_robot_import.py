@@ -336,6 +336,51 @@ def test_the_scaler_of_its_makers_comes_in(tmp_path: Path, capsys: pytest.Captur
     assert not meets_hold(robot)
 
 
+def test_the_five_bar_of_the_makers_comes_in(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where crux has the actuators, the makers' crank and forearm are as far apart as the rod is long."""
+    urdf, mapping = MAKERS / "scaler.urdf", MAKERS / "mapping.yaml"
+    words = ["robot", "import", str(urdf), "--mapping", str(mapping), "-o", str(tmp_path / "robot")]
+    assert cli.main(words) == 0
+    assert "[A] crank and rod" in capsys.readouterr().err
+    robot = load_robot(tmp_path / "robot")
+    model = pinocchio.buildModelFromUrdf(str(urdf))
+    random, data = np.random.default_rng(1), model.createData()
+    for name, n in {"LF": 0, "RF": 1, "LR": 3, "RR": 2}.items():
+        limb = next(each for each in robot.limbs if each.name == name)
+        for q_rad in random.uniform(limb.lower_rad, limb.upper_rad, (5, 6)):
+            turned = limb.transmission.actuators_rad(q_rad)
+            assert turned == pytest.approx([*q_rad[:2], turned[2], *q_rad[3:]])
+            q = pinocchio.neutral(model)
+            for joint, angle in {"F": q_rad[1], "E": q_rad[2], "A": turned[2]}.items():
+                place = model.joints[model.getJointId(f"{joint}_Joint{n}")].idx_q
+                q[place : place + 2] = np.cos(angle), np.sin(angle)
+            pinocchio.framesForwardKinematics(model, data, q)
+            ends = [data.oMf[model.getFrameId(link)].translation for link in (f"B_Link{n}", f"C_Link{n}1")]
+            assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(0.142, abs=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("was", "wrong", "said"),
+    [
+        ("A_Joint{}", "A_Joint", "five_bar.crank: A_Joint: expected a name with {} for the limb"),
+        ('first: "F_Joint', 'first: "G_Joint', "five_bar.first: G_Joint{}: expected one of joints with another behind"),
+        ('first: "F_Joint', 'first: "Shoulder_Joint', "about parallel axes"),
+        ("C_Link{}1", "C_Link{}5", "five_bar.pin: C_Link05: expected a link of the next joint on limb LF"),
+        ("B_Joint{}", "G_Joint{}", "five_bar.rod: G_Joint0: expected a joint before the first joint on limb LF"),
+        ("A_Joint: [-1.4, 2.2], ", "", "limits_rad: A_Joint: is missing"),
+    ],
+)
+def test_what_is_no_five_bar_is_told(
+    was: str, wrong: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, mapping = (MAKERS / "mapping.yaml").read_text(encoding="utf-8"), tmp_path / "mapping.yaml"
+    assert was in text
+    mapping.write_text(text.replace(was, wrong))
+    words = ["robot", "import", str(MAKERS / "scaler.urdf"), "--mapping", str(mapping), "-o", str(tmp_path / "robot")]
+    assert cli.main(words) == 2
+    assert said in capsys.readouterr().err
+
+
 def meets_hold(robot: Robot) -> bool:
     """Whether a hold as wide and high as its pads can have it touches more of a hand than its pads."""
     model = load_model(robot)

@@ -42,15 +42,18 @@ class Facts:
 
     def joint(self, pattern: str, joint: Joint) -> JointFacts:
         """Of a joint of a limb, by its name with {}."""
-        name, mapping = bare(pattern), self.mapping
-        limits: Interval = (joint.lower, joint.upper)
-        if name in mapping.limits_rad:
-            limits = (mapping.limits_rad[name][0], mapping.limits_rad[name][1])
-        if not np.isfinite(limits).all() or not limits[0] < limits[1]:
-            self.missing("limits_rad", "[low, high] of each; the URDF has none", name)
+        name, mapping, limits = bare(pattern), self.mapping, self.limits(pattern, joint)
         effort = self._value(mapping.effort_Nm, name, (joint.effort, MAX_EFFORT), "effort_Nm", "peak torque")
         speed = self._value(mapping.speed_rad_s, name, (joint.velocity, MAX_SPEED), "speed_rad_s", "greatest speed")
         return JointFacts(limits, effort, speed)
+
+    def limits(self, pattern: str, joint: Joint) -> Interval:
+        """Of the same."""
+        name, given = bare(pattern), self.mapping.limits_rad
+        limits = (given[name][0], given[name][1]) if name in given else (joint.lower, joint.upper)
+        if not np.isfinite(limits).all() or not limits[0] < limits[1]:
+            self.missing("limits_rad", "[low, high] of each; the URDF has none", name)
+        return limits
 
     def _value(self, given: dict[str, float], name: str, own: tuple[float, float], key: str, what: str) -> float:
         """`own` is the URDF's, and the most that a motor may have: more says nothing of the motor."""

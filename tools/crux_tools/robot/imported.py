@@ -14,6 +14,7 @@ from crux_msgs.robot_keys import SECTIONS
 
 from crux_tools.errors import UsageError
 from crux_tools.robot.facts import Facts, JointFacts
+from crux_tools.robot.linkage import joint_facts, read_linkage
 from crux_tools.robot.mapping import Mapping, MappingError, read_mapping
 from crux_tools.robot.serial import NO_GRIPPER, Reader
 from crux_tools.robot.written import Hand, robot_yaml, urdf_text
@@ -54,11 +55,13 @@ def imported(urdf_path: Path, mapping_path: Path | None, folder: Path, xacro: Se
     problems += [replace(each, file=str(urdf_path)) for each in mimics]
     if mapping.like and mapping.like not in robot_names():
         problems.append(Problem("like", mapping.like, f"expected one of {', '.join(robot_names())}"))
-    body, limbs = Reader(urdf, root, mapping, problems).whole()
-    facts, numbers = Facts(mapping, problems), {}
+    reader = Reader(urdf, root, mapping, problems)
+    body, limbs = reader.whole()
+    facts, numbers, linkage = Facts(mapping, problems), {}, read_linkage(reader, limbs)
     for limb in limbs:
-        joints = [facts.joint(name, joint) for name, joint in zip(mapping.joints, limb.joints, strict=True)]
+        joints, said = joint_facts(linkage, reader, facts, limb)
         numbers[limb.name] = joints, facts.finger(limb.fingers)
+        mapping.set = said | mapping.set
     if len(limbs) == len(mapping.limbs):
         facts.scale_masses(body, limbs)
     meshes = body.meshes or any(part.meshes for limb in limbs for part in limb.parts)
@@ -108,6 +111,8 @@ def _assumed(mapping: Mapping, meshes: bool) -> list[str]:
     found = [f"[A] all of robot.yaml that is marked so is {mapping.like}'s: motors, gains, sensors, limits of control"]
     if mapping.locked:
         found.append(f"[A] {', '.join(mapping.locked)} stay where they are; their links weigh where they are then")
+    if mapping.five_bar:
+        found.append("[A] crank and rod of the five-bar weigh where they are with all joints at 0")
     if mapping.masses_kg:
         found.append("[A] masses and inertias are the URDF's, scaled")
     if meshes:

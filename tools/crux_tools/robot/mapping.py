@@ -23,6 +23,7 @@ limits_rad: {yaw: [-1.5, 1.5]}               # where the URDF has none, or other
 effort_Nm: {default: 4.1, hip: 8.2}
 speed_rad_s: {default: 4.8}
 finger: {effort_N: 60, speed_m_s: 0.02, opening_m: [0.01, 0.065]}
+five_bar: {first: "hip{}", crank: "crank{}", rod: "rod{}", pin: "pin{}"}   # where a crank moves the joint after first
 masses_kg: {total: 9.6, body: 2.8}           # scales the URDF's
 capsule_radius_m: 0.02                       # in place of meshes: capsules along the links
 set: {body.height_m: [0.2, 0.25]}            # values of robot.yaml"""
@@ -49,6 +50,7 @@ class Mapping:
     effort_Nm: dict[str, float] = field(default_factory=dict)
     speed_rad_s: dict[str, float] = field(default_factory=dict)
     finger: dict[str, Any] = field(default_factory=dict)
+    five_bar: dict[str, Any] = field(default_factory=dict)
     masses_kg: dict[str, float] = field(default_factory=dict)
     capsule_radius_m: float | None = None
     set: dict[str, Any] = field(default_factory=dict)
@@ -65,9 +67,10 @@ def bare(pattern: str) -> str:
 
 _KINDS: dict[str, type | tuple[type, ...]] = {
     "name": str, "like": str, "body_link": str, "limbs": dict, "joints": list, "gripper": dict, "fingers": list,
-    "locked": dict, "limits_rad": dict, "effort_Nm": dict, "speed_rad_s": dict, "finger": dict, "masses_kg": dict,
-    "capsule_radius_m": (int, float), "set": dict,
+    "locked": dict, "limits_rad": dict, "effort_Nm": dict, "speed_rad_s": dict, "finger": dict, "five_bar": dict,
+    "masses_kg": dict, "capsule_radius_m": (int, float), "set": dict,
 }  # fmt: skip
+FIVE_BAR = ("first", "crank", "rod", "pin")  # joints, and a link behind the joint after the first, at the rod's end
 _NUMBERS = ("locked", "effort_Nm", "speed_rad_s", "masses_kg")
 _WORDS = {dict: "a mapping", list: "a list", str: "a text", (int, float): "a number"}
 _NEEDED = {
@@ -134,6 +137,19 @@ def _check(mapping: Mapping, problems: list[Problem]) -> None:
     if mapping.gripper and not isinstance(mapping.gripper.get("link"), str):
         refuse("gripper.link", mapping.gripper.get("link"), "expected a name with {} for the limb")
         mapping.gripper = {}
+    if mapping.five_bar:
+        wrong = [key for key in FIVE_BAR if "{}" not in str(mapping.five_bar.get(key))]
+        for key in wrong:
+            refuse(f"five_bar.{key}", mapping.five_bar.get(key), "expected a name with {} for the limb")
+        if not wrong and mapping.joints and mapping.five_bar["first"] not in mapping.joints[:-1]:
+            refuse("five_bar.first", mapping.five_bar["first"], "expected one of joints with another behind it")
+            wrong = ["first"]
+        least_sine = mapping.five_bar.get("least_sine", 0.5)
+        if not _is_number(least_sine) or not 0 < least_sine < 1:
+            refuse("five_bar.least_sine", least_sine, "expected a number between 0 and 1")
+            wrong.append("least_sine")
+        if wrong:
+            mapping.five_bar = {}
     for key in ("origin_m", "rpy_rad"):
         if key in mapping.gripper and not _are_numbers(mapping.gripper[key], 3):
             refuse(f"gripper.{key}", mapping.gripper[key], "expected three numbers")

@@ -81,7 +81,9 @@ class SerialLimb:
 
 
 class Reader:
-    """Takes a URDF apart. What does not fit is noted in `problems`, with what the mapping would have to say."""
+    """Takes a URDF apart. What does not fit is noted in `problems`, with what the mapping would have to say. `poses` of
+    links are those with all joints at zero.
+    """
 
     def __init__(self, urdf: Urdf, root: ET.Element, mapping: Mapping, problems: list[Problem]) -> None:
         self.urdf, self.mapping, self.problems = urdf, mapping, problems
@@ -92,6 +94,9 @@ class Reader:
         self.locked = {
             mapping.of(name, limb): angle for limb in mapping.limbs for name, angle in mapping.locked.items()
         }
+        for key in ("crank", "rod") if mapping.five_bar else ():
+            self.locked |= {mapping.of(mapping.five_bar[key], limb): 0.0 for limb in mapping.limbs}
+        self.poses: dict[str, Pose] = {}
         self.used: set[str] = set()
         self.seen: set[str] = set()
 
@@ -126,6 +131,7 @@ class Reader:
             self.note("body_link", link, "is reached on two ways: expected each link of the URDF to hang on one joint")
             return
         self.seen.add(link)
+        self.poses[link] = pose
         yield link, pose
         for joint in self.below.get(link, []):
             at = pose.then(np.array(joint.xyz_m), rotation(joint.rpy_rad))
