@@ -64,6 +64,9 @@ def test_weak_motors_get_a_gentle_one_or_none(
     assert found["verdict"] == verdict
     if verdict == "bad":
         assert "motors bear no slope" in found["found"]
+        short = re.search(r"at best, on \d+ degrees, (\d\.\d\d) of that of \w+_joint\d$", found["remedy"])
+        assert short is not None, found
+        assert float(short[1]) > first_wall.MOST_SHARE
         assert not wall.exists()
         return
     assert 0 < load_scenario(wall).wall.slope_deg < 90
@@ -88,7 +91,8 @@ def test_a_wall_that_is_not_planned_is_none(
     fitting = list(first_walls(load_robot("scaler")))
     monkeypatch.setattr(first_wall, "first_walls", lambda _robot: iter(fitting))
 
-    def steep(document: dict[str, Any], _: Robot, **_limits: float) -> None:
+    def steep(document: dict[str, Any], _: Robot, **limits: float) -> None:
+        assert limits == {"time_limit_s": first_wall.FIT_S}
         tried.append(document["wall"]["slope_deg"])
         if len(tried) < failures + 1:
             raise crux_planner.InfeasibleError("torque", "too steep")

@@ -17,7 +17,7 @@ from crux_planner.checker.limb_model import WholeRobot
 from crux_planner.method_report import first_walls
 
 from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, Finding
-from crux_tools.robot.loads import least_load, peak_torques_Nm
+from crux_tools.robot.loads import Load, least_load, peak_torques_Nm
 from crux_tools.robot.stance import Stance, standing
 
 if TYPE_CHECKING:
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 SLOPES_DEG = (90, 75, 60, 45, 30, 15, 0)
 MOST_SHARE = 0.75  # of the peak torques on three limbs: the planner keeps a quarter
-TRIES = 3  # slopes that are planned
+TRIES = 3  # slopes that are planned,
+FIT_S = 30  # each for so long [s of CPU]
 MOST_RAD_M = 40  # that joints may turn for a metre of a gripper: random robots climb at up to 37
 ASIDE = (-0.5, 0.0, 0.5)  # steps by which the body may be below or above its holds' middle for a lift
 
@@ -35,7 +36,8 @@ def fitted(robot: Robot, model: WholeRobot, friction: float, path: Path) -> Find
     try:
         walls = list(first_walls(robot))
     except InfeasibleError as none:
-        return Finding("first wall", BAD, "none fits", str(none))
+        remedy = "wider joint limits, or a narrower range of body.height_m or grasp.gripper_yaw_rad"
+        return Finding("first wall", BAD, f"none fits: {none}", remedy)
     if not walls:
         remedy = "no four holds that the limbs reach all along a step: other limits, body.height_m or gripper_yaw_rad"
         return Finding("first wall", BAD, "none fits", remedy)
@@ -44,18 +46,18 @@ def fitted(robot: Robot, model: WholeRobot, friction: float, path: Path) -> Find
         return _near_singular(min(walls, key=lambda wall: float(wall.turns_rad_m.max())))
     walls = quiet
     stances = [[_standing(wall, model, aside * wall.stride_m) for aside in ASIDE] for wall in walls]
-    found, tries = "none fits: the motors bear no slope", 0
-    remedy = f"stronger motors or a lighter robot: on three limbs no more than {MOST_SHARE:g} of the peak torques"
+    force_N, tries = robot.gripper.max_finger_force_N, 0
+    found, remedy = "none fits: the motors bear no slope", ""
     for slope in SLOPES_DEG:
-        shares = [_hardest(each, slope, friction, robot.gripper.max_finger_force_N) for each in stances]
-        borne = [(-wall.stride_m, share, i) for i, (wall, share) in enumerate(zip(walls, shares, strict=True))]
+        loads = [_hardest(each, slope, friction, force_N, MOST_SHARE) for each in stances]
+        borne = [(-wall.stride_m, load.share, i) for i, (wall, load) in enumerate(zip(walls, loads, strict=True))]
         borne = [each for each in borne if each[1] <= MOST_SHARE]
         if not borne or tries == TRIES:
             continue
         _, share, chosen = min(borne)  # the longest step
         document, tries = walls[chosen].document(slope, friction), tries + 1
         try:
-            plan(document, robot)
+            plan(document, robot, time_limit_s=FIT_S)
         except InfeasibleError as none:
             found, remedy = (
                 f"no plan for those that fit, as on {slope} degrees: {none}",
@@ -65,7 +67,17 @@ def fitted(robot: Robot, model: WholeRobot, friction: float, path: Path) -> Find
         _write(path, document, robot)
         what = f"{path}: {slope} degrees, a step of {walls[chosen].stride_m:g} m, {share:.2f} of the peak torques"
         return _said(f"{what}; {_turning(walls[chosen])}", robot, path)
-    return Finding("first wall", BAD, found, remedy)
+    return Finding("first wall", BAD, found, remedy or _too_weak(stances, friction, force_N))
+
+
+def _too_weak(stances: list[list[Stance]], friction: float, most_N: float) -> str:
+    """What the busiest motor lacks on the slope and the wall that ask least of it."""
+    loads = [(slope, _hardest(each, slope, friction, most_N, np.inf)) for slope in SLOPES_DEG for each in stances]
+    slope, load = min(loads, key=lambda each: each[1].share)
+    wanted = f"stronger motors or a lighter robot: on three limbs at most {MOST_SHARE:g} of the peak torques"
+    if not np.isfinite(load.share):
+        return f"{wanted}; three grippers hold it on no slope"
+    return f"{wanted}; at best, on {slope} degrees, {load.share:.2f} of that of {load.joint}"
 
 
 def _near_singular(wall: FirstWall) -> Finding:
@@ -103,18 +115,23 @@ def _said(what: str, robot: Robot, path: Path) -> Finding:
     return Finding("first wall", GOOD, f"{what}; next: crux plan {path} -o plan.mcap")
 
 
-def _hardest(stances: list[Stance], slope_deg: float, friction: float, most_N: float) -> float:
-    """The greatest share of peak torques that hanging on three limbs takes, each time in the best of the stances;
-    infinite above MOST_SHARE.
+def _hardest(stances: list[Stance], slope_deg: float, friction: float, most_N: float, enough: float) -> Load:
+    """Of hanging on three limbs, each time in the best of the stances; the first above `enough`, infinite where nothing
+    holds.
     """
-    limbs, most = stances[0].model.limbs, 0.0
+    limbs, most = stances[0].model.limbs, Load(0.0, "")
     peaks = peak_torques_Nm(limbs)
     for lifted in range(len(limbs)):
         loads = (least_load(stance, np.radians(slope_deg), peaks, friction, most_N, lifted) for stance in stances)
-        most = max(most, min((load.share for load in loads if load is not None), default=np.inf))
-        if most > MOST_SHARE:
-            return np.inf
+        least = min((load for load in loads if load is not None), key=_share, default=Load(np.inf, "nothing"))
+        most = max(most, least, key=_share)
+        if most.share > enough:
+            break
     return most
+
+
+def _share(load: Load) -> float:
+    return load.share
 
 
 def _standing(wall: FirstWall, model: WholeRobot, up_m: float) -> Stance:
