@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crux_contracts import LIMB_NAMES
-from crux_contracts.robot import Robot
+from crux_contracts.robot import Robot, load_robot
 from crux_contracts.scenario import Scenario, load_scenario, parse_scenario
 from crux_planner import Planner
 from crux_planner.pipeline.message import PlanResult
@@ -42,8 +42,9 @@ CLIMBS = sorted(path.stem for path in SCENES.glob("climb-*.yaml"))
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.sweep] * (name != "climb-one-step")) for name in CLIMBS]
 )
-def test_a_scene_costs_no_more_than_the_quick_plan(name: str, robot: Robot) -> None:
-    no_dearer_than_quick(load_scenario(SCENES / f"{name}.yaml"), robot)
+def test_a_scene_costs_no_more_than_the_quick_plan(name: str) -> None:
+    scenario = load_scenario(SCENES / f"{name}.yaml")
+    no_dearer_than_quick(scenario, load_robot(scenario.robot))
 
 
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=pytest.mark.sweep) for seed in range(1, 51)])
