@@ -273,8 +273,9 @@ def hulls_of(reaches: Sequence[LimbMap], problem: Problem, turn_rad: float) -> R
     plan = np.abs(inner.directions[:, 2]) < 0.5
     for i, reach in enumerate(reaches):
         limb = reach.limb
-        span = limb.upper_link_m + limb.lower_link_m
-        x, y = (limb.shoulder_b_m[axis] + np.arange(-span, span, _HULL_STEP_M) for axis in (0, 1))
+        steps = int(np.ceil((limb.upper_link_m + limb.lower_link_m) / _HULL_STEP_M))
+        about = np.arange(-steps, steps) * _HULL_STEP_M  # with the shoulder: four joints may reach straight ahead alone
+        x, y = (limb.shoulder_b_m[axis] + about for axis in (0, 1))
         east, north, up, yaw = np.ix_(x, y, np.unique(np.round(heights, 2)), yaws)
         reached = []
         turns, tilts = sorted({-turn_rad, 0.0, turn_rad}), np.unique(tilts_of(problem), axis=0)
