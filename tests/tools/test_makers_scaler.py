@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,10 @@ from crux_tools import cli
 from crux_tools.paths import ROOT
 from shared_plans import unproven
 
+TELEOPERATED = """
+limits_rad: {Shoulder_Joint: [-0.1, 1.0], F_Joint: [0.97, 2.37], A_Joint: [-1.0, 0.6], E_Joint: [-1.72, 0.97],
+             wrist1_Joint: [-0.2, 0.3], wrist2_Joint: [-0.9, 0.9], wrist3_Joint: [-1.6, 1.6]}
+"""
 MAKERS, NAME = ROOT / "examples" / "makers-scaler", "scaler-makers"
 
 
@@ -37,3 +43,50 @@ def test_it_climbs_one_step_of_its_wall(tmp_path: Path) -> None:
     assert result.verdict.slips == 0
     assert result.verdict.goal_error_m < 0.02
     assert cli.main(["replay", str(log), "--check", "--no-view"]) == 0
+
+
+def variant(row: str, mapping: str) -> str:
+    """The mapping with the limits and motors of a row of the page."""
+    efforts = "{default: 4.1, F_Joint: 8.2, A_Joint: 8.2}"
+    assert efforts in mapping
+    if "teleoperation" in row:
+        return re.sub(r"^limits_rad:.*\n.*\n", TELEOPERATED.lstrip(), mapping, flags=re.MULTILINE)
+    if "4.1 Nm" in row:
+        return mapping.replace(efforts, "{default: 4.1}")
+    if "shoulder" in row:
+        return mapping.replace(efforts, efforts.replace("}", ", Shoulder_Joint: 8.2}"))
+    assert "the mapping" in row
+    return mapping
+
+
+def rows() -> list[tuple[str, str]]:
+    page = (ROOT / "docs" / "your-robot.md").read_text(encoding="utf-8")
+    table = page.split("| limits and motors | first wall |\n| --- | --- |\n")[1].split("\n\n")[0]
+    return [(cells[1].strip(), cells[2].strip()) for cells in (line.split("|") for line in table.splitlines())]
+
+
+@pytest.mark.parametrize(
+    ("row", "wall"), [pytest.param(*row, marks=[pytest.mark.sweep] * row[1].startswith("at least")) for row in rows()]
+)
+def test_the_page_says_what_variants_climb(
+    row: str, wall: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CRUX_ROBOTS", str(tmp_path))
+    mapping, file = tmp_path / "mapping.yaml", tmp_path / "wall.yaml"
+    mapping.write_text(variant(row, (MAKERS / "mapping.yaml").read_text(encoding="utf-8")), encoding="utf-8")
+    words = ["robot", "import", str(MAKERS / "scaler.urdf"), "--mapping", str(mapping), "-o", str(tmp_path / "makers")]
+    assert cli.main(words) == 0
+    capsys.readouterr()
+    if least := re.fullmatch(r"at least (\d+) degrees", wall):
+        assert cli.main(["robot", "check", str(tmp_path / "makers"), "--wall", str(file)]) == 0
+        assert load_scenario(file).wall.slope_deg >= int(least[1])
+        return
+    cli.main(["robot", "check", str(tmp_path / "makers"), "--json"])
+    checks = {check["topic"]: check for check in json.loads(capsys.readouterr().out)["checks"]}
+    if slopes := re.fullmatch(r"none: three limbs do not hold it at (.*) degrees", wall):
+        assert checks["peak torques"]["remedy"].endswith(
+            f"does not hold on four or on three limbs at {slopes[1]} degrees"
+        )
+    else:
+        assert wall == "none: no upright grip"
+        assert checks["reach"]["remedy"].startswith("LF, RF, LR, RR: no grip within the joint limits")
