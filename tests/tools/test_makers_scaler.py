@@ -33,7 +33,7 @@ def test_it_is_what_import_writes(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_it_climbs_one_step_of_its_wall(tmp_path: Path) -> None:
-    """Planned, checked, climbed, and computed again from the log."""
+    """Planned, checked, climbed, and computed again from the log: some 15 s, for its limbs have no closed form."""
     robot, log = load_robot(NAME), tmp_path / "log.mcap"
     assert robot.limbs[0].transmission.five_bar is not None
     found = unproven(load_scenario(ROOT / "msgs" / "scenarios" / "climb-makers.yaml"), robot)
