@@ -52,7 +52,19 @@ void PlanClock::depart(const PreparedPlan& plan, Motion motion) noexcept {
   waiting_for_ = WaitingFor::kNothing;
   waiting_limb_ = -1;
   waited_s_ = 0.0;
-  pace_ = 1.0;
+  pace_ = 0.0;
+}
+
+/// To where the motion ends; more than kStart_s is not told exactly.
+double PlanClock::left_s(const PreparedPlan& plan) const noexcept {
+  const int last = now_.back ? 0 : plan.intervals() - 1;
+  const int end = stops() ? stop_.interval : last;
+  const double end_s = stops() ? stop_.elapsed_s : now_.back ? 0.0 : plan.step_s[last];
+  double left_s = now_.back ? now_.elapsed_s - end_s : end_s - now_.elapsed_s;
+  for (int k = now_.interval; k != end && left_s < kStart_s; k += now_.back ? -1 : 1) {
+    left_s += plan.step_s[now_.back ? k - 1 : k];
+  }
+  return left_s;
 }
 
 /// A stance counts as verified when all limbs bear and all of them grip.
@@ -92,12 +104,13 @@ void PlanClock::advance(const PreparedPlan& plan, const PerLimb<LimbEvents>& eve
   const double edge_s = back ? 0.0 : length_s;
   const double sign = back ? -1.0 : 1.0;
   pace_ = std::min(pace_ + dt_s / kStart_s, 1.0);
-  const auto brakes = [&](double at_s) {
-    pace_ = std::clamp(std::sqrt(2.0 * std::abs(at_s - now_.elapsed_s) / kStart_s), dt_s / kStart_s, pace_);
+  const auto brakes = [&](double left_s) {
+    pace_ = std::clamp(std::sqrt(2.0 * std::abs(left_s) / kStart_s), dt_s / kStart_s, pace_);
   };
+  brakes(left_s(plan));
   for (int l = 0; l < kLimbs; ++l) {
-    if (comes(l) && !events[l].gripped) brakes(edge_s);
-    if (leaves(l) && !events[l].opened && sign * (leave_s - now_.elapsed_s) >= 0.0) brakes(leave_s);
+    if (comes(l) && !events[l].gripped) brakes(edge_s - now_.elapsed_s);
+    if (leaves(l) && !events[l].opened && sign * (leave_s - now_.elapsed_s) >= 0.0) brakes(leave_s - now_.elapsed_s);
   }
   const double to_s = now_.elapsed_s + sign * pace_ * scale * dt_s;
   const auto ahead = [&](double at_s) { return sign * (at_s - now_.elapsed_s) >= 0.0; };

@@ -83,6 +83,7 @@ class PlanClock {
   void stop_at(double elapsed_s, double dt_s, double pace = 0.0) noexcept;
   void verify(const PreparedPlan& plan, const PerLimb<LimbEvents>& events) noexcept;
   void cross_knot(const PreparedPlan& plan) noexcept;
+  double left_s(const PreparedPlan& plan) const noexcept;
   PlanTime next_stance(const PreparedPlan& plan) const noexcept;
   PlanTime last_stance(const PreparedPlan& plan) const noexcept;
   bool stops() const { return stop_.interval >= 0; }
@@ -94,7 +95,7 @@ class PlanClock {
   WaitingFor waiting_for_ = WaitingFor::kNothing;
   int waiting_limb_ = -1;
   double waited_s_ = 0.0;
-  double pace_ = 1.0;  ///< share of its speed: less before a wait and after it
+  double pace_ = 1.0;  ///< share of its speed: less before and after a stop
 };
 
 }  // namespace crux

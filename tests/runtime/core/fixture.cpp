@@ -247,7 +247,7 @@ void Climbing::SetUp() {
   ASSERT_TRUE(run_.until(SupervisorState::kReady, 20));
   run_.steps(1000);
   run_.step(crux_msgs::command_t::START);
-  run_.steps(100);
+  run_.steps(150);
   ASSERT_GT(run_.result.state.plan_time_s, 0.1);
 }
 

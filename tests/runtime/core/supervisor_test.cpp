@@ -303,7 +303,7 @@ class Faults : public testing::Test {
     run_->steps(1000);
     run_->step(command_t::START);
     ASSERT_EQ(run_->core.state(), SupervisorState::kClimbing);
-    run_->steps(100);
+    run_->steps(150);
     ASSERT_GT(run_->result.state.plan_time_s, 0.1);
   }
   /// Steps until a fault is told; fails when another one comes or none in n cycles.
