@@ -31,7 +31,7 @@ void SlipWatch::look_at_grip(double used) noexcept {
   const bool used_up = used > (slipped_at_ > 0.0 ? 0.0 : kBarely) && used >= kAsEver * most_used_;
   used_up_cycles_ago_ = used_up ? 0 : std::min(used_up_cycles_ago_ + 1, 2 * StanceFit::kCycles.back());
   if (used_up) used_up_at_ = used;
-  lately_used_ = std::max(lately_used_, used);
+  if (!slips_) lately_used_ = std::max(lately_used_, used);
   if (++block_cycles_ < kBlockCycles) return;
   block_cycles_ = 0;
   most_used_ = std::max(most_used_, std::exchange(block_used_, lately_used_));

@@ -1,6 +1,8 @@
 // Slips of one gripper on its hold: when it is one, what is done about it, and when it is over.
 #pragma once
 
+#include <algorithm>
+
 #include "core/estimate/stance_fit.hpp"
 #include "core/robot/geometry.hpp"
 
@@ -31,8 +33,9 @@ class SlipWatch {
   double relief() const { return relief_; }
   /// The most that it was `used` since contact without a slip, the last moments left out: the grasp is as good as that.
   double borne() const { return most_used_; }
-  /// `used` as it began to slip last: the grasp is no better than that. 0: it has not slipped since contact.
-  double slipped_at() const { return slipped_at_; }
+  /// `used` as it began to slip last, or the more that it has borne since: the grasp is no better than that, as far as
+  /// is known. 0: it has not slipped since contact.
+  double slipped_at() const { return slipped_at_ > 0.0 ? std::max(slipped_at_, most_used_) : 0.0; }
 
  private:
   void look_at_grip(double used) noexcept;

@@ -310,6 +310,27 @@ TEST_F(Stance, AGripThatMovesSqueezesAndOneWhoseFrictionIsUsedUpAsWellSlips) {
   EXPECT_TRUE(used_up.out_of_hand());
 }
 
+TEST_F(Stance, AGripThatBearsMoreThanItSlippedAtIsAsGoodAsThat) {
+  SlipWatch watch(robot().stance);
+  const auto cycles_with = [&](int n, double used, const Vector3& slide_m_s) {
+    for (int i = 0; i < n; ++i) {
+      cycles(1, 1, slide_m_s);
+      watch.update(1, fit_, true, used, kDt_s);
+    }
+  };
+  cycles_with(600, 0.2, Vector3::Zero());
+  cycles_with(40, 0.2, {0.0, 0.05, 0.0});
+  EXPECT_TRUE(watch.slips());
+  cycles_with(100, 0.9, Vector3::Zero());  // while it still counts as slipping, nothing is borne
+  EXPECT_TRUE(watch.slips());
+  EXPECT_EQ(watch.slipped_at(), 0.2);
+  cycles_with(700, 0.1, Vector3::Zero());
+  EXPECT_FALSE(watch.slips());
+  EXPECT_EQ(watch.slipped_at(), 0.2);
+  cycles_with(150, 0.6, Vector3::Zero());
+  EXPECT_EQ(watch.slipped_at(), 0.6);
+}
+
 TEST(Compliance, IsTheSlopeOfShiftOverForceOfTheseGripsWhereTheForceChanges) {
   ComplianceEstimator estimator;
   Random random(3);
