@@ -11,6 +11,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import FAULT_BY_CODE
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
+from crux_contracts.scenario import parse_scenario
 from crux_msgs import plan_t
 from crux_simulation.benchmarks import world_faults, worlds
 from crux_simulation.benchmarks.world_faults import (
@@ -125,6 +126,9 @@ def test_a_kind_of_fault_has_walls_of_both_kinds() -> None:
         assert {bool(first.wall.kind), bool(second.wall.kind)} == {False, True}
     some = world_faults.jobs_of(2, 1, ("hold-breaks",))
     assert some == [job for job in jobs if job.walls == "hold-breaks"], "alone it is climbed as among all"
+    for job, fast in zip(some, world_faults.jobs_of(2, 1, ("hold-breaks",), "time"), strict=True):
+        assert parse_scenario(fast.wall.scenario()).planner.objective == "time"
+        assert (fast.wall.planned(objective="paper"), fast.seed) == (job.wall.planned(objective="paper"), job.seed)
 
 
 def test_kinds_of_the_world_are_no_faults_of_the_buses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

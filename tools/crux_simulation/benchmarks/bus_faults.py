@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from crux_contracts.output_file import look_at_folder
+from crux_contracts.scenario_types import OBJECTIVES
 from crux_tools.arguments import whole
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import note, print_json
@@ -100,6 +101,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seed", type=whole(0), default=1, metavar="N", help="with --world: of the first (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--objective", choices=OBJECTIVES, help="with --world: what climbs are planned for (default: as walls say)"
     )
     parser.add_argument(
         "--output", type=Path, default=Path("out/bench-faults"), metavar="DIR", help="for results, and logs of failures"

@@ -13,9 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from crux_contracts.output_file import look_at_folder
-from crux_contracts.scenario_document import scenario_document
 from crux_contracts.scenario_types import OBJECTIVES
 from crux_tools.arguments import whole
 from crux_tools.output import note, print_json
@@ -67,9 +65,7 @@ def wall_of(seed: int, objective: str) -> tuple[str, Wall]:
         drawn = Wall("ladder", seed, (("rungs", 6), ("obstacles", 2), ("slope_deg", slope_deg)))
     else:
         drawn = Wall("field", seed)
-    content = scenario_document(drawn.scenario())
-    content["planner"] = {**content.get("planner", {}), "objective": objective, "time_limit_s": LIMIT_S}
-    return drawn.kind, Wall(seed=seed, text=yaml.safe_dump(content, sort_keys=False))
+    return drawn.kind, drawn.planned(objective=objective, time_limit_s=LIMIT_S)
 
 
 def line_of(rows: list[Row]) -> dict[str, Any]:

@@ -261,9 +261,12 @@ class ScheduledFaultJob(ClimbJob):
 class RestartJob(ClimbJob):
     """A climb whose runtime dies, starts again and is led on by a guide."""
 
+    objective: str | None = None
+
     def climb_command(self) -> str:
         """Another campaign, of this climb alone."""
-        return f"crux bench faults --world --kinds {RESTARTS} --count 1 --seed {self.seed} --output again"
+        objective = f" --objective {self.objective}" if self.objective else ""
+        return f"crux bench faults --world --kinds {RESTARTS} --count 1 --seed {self.seed}{objective} --output again"
 
     def _climb(self, plan: Any, robot: Any, folder: Path) -> dict[str, Any]:
         from crux_simulation.sim.restarting import Restarting
@@ -283,23 +286,28 @@ class RestartJob(ClimbJob):
         return end | {"ok": ok, "lost_grips": list(verdict.lost_grips), "reason": reason}
 
 
-def job_of(fault: Fault, index: int, seed: int) -> ClimbJob:
+def job_of(fault: Fault, index: int, seed: int, objective: str | None = None) -> ClimbJob:
     """Shipped scenes and random walls in turn."""
+    wall = wall_of(index, seed)
+    wall = wall.planned(objective=objective) if objective else wall
     if fault.kind == RESTARTS:
-        return RestartJob(RESTARTS, wall_of(index, seed), seed)
+        return RestartJob(RESTARTS, wall, seed, objective=objective)
     job = ScheduledFaultJob if fault.kind in SCHEDULED else WorldFaultJob
-    return job(fault.kind, wall_of(index, seed), seed, FaultyWorld(fault.kind, "drawn for its plan"))
+    return job(fault.kind, wall, seed, FaultyWorld(fault.kind, "drawn for its plan"))
 
 
-def jobs_of(count: int, first_seed: int, kinds: Collection[str] = tuple(KINDS)) -> list[ClimbJob]:
-    """Climbs with one fault each, of the first seeds whose faults are of `kinds`."""
+def jobs_of(
+    count: int, first_seed: int, kinds: Collection[str] = tuple(KINDS), objective: str | None = None
+) -> list[ClimbJob]:
+    """Climbs with one fault each, of the first seeds whose faults are of `kinds`; None: planned as the walls say."""
     jobs = list[ClimbJob]()
     for turn in itertools.count():
         if len(jobs) == count:
             break
         fault = draw_fault(first_seed + turn)
         if fault.kind in kinds:  # other walls in every round, or a kind would always have the same
-            jobs.append(job_of(fault, turn % len(KINDS) + turn // len(KINDS), first_seed + turn))
+            index = turn % len(KINDS) + turn // len(KINDS)
+            jobs.append(job_of(fault, index, first_seed + turn, objective))
     return jobs
 
 
@@ -365,7 +373,7 @@ def run(options: argparse.Namespace) -> int:
     ended at the goal."""
     from crux_simulation.campaign.engine import run_anew
 
-    jobs = jobs_of(options.count, options.seed, options.kinds)
+    jobs = jobs_of(options.count, options.seed, options.kinds, options.objective)
     rows = run_anew(jobs, options.output, options, "climbing with one fault")
     endings = [ending_of(row, draw_fault(row["seed"])) for row in rows if "climb" in row]
     ok = all(not end.fell and not end.lost_grip and (end.climbed or end.told) for end in endings)

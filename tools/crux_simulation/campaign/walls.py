@@ -6,6 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import yaml
+from crux_contracts.scenario_document import scenario_document
+
 from crux_simulation.benchmarks.pairs import walking_pair
 from crux_simulation.benchmarks.random_fields import random_field
 from crux_simulation.benchmarks.random_planes import random_planes
@@ -33,3 +36,9 @@ class Wall:
     def scenario(self) -> str:
         """As YAML text; the same every time."""
         return self.text or GENERATORS[self.kind](self.seed, **dict(self.settings))
+
+    def planned(self, **planner: Any) -> Wall:
+        """The same wall with these keys of the scenario's `planner`."""
+        content = scenario_document(self.scenario())
+        content["planner"] = {**content.get("planner", {}), **planner}
+        return Wall(seed=self.seed, text=yaml.safe_dump(content, sort_keys=False))
