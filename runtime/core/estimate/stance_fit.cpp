@@ -16,7 +16,7 @@ constexpr double kRelativeDamping = 1e-9;
 constexpr double kAlone = 0.5;  // the others are off each other by less than this share of what the odd limb moved
 constexpr double kPlay = 0.5;
 constexpr double kDoubts = 2.0;  // deviations from where the others have it
-constexpr double kArm_m = 0.25;  // of a joint to its gripper, about: what was seen of play, as an angle
+constexpr double kArm_m = 0.25;  // of a joint to its gripper, about
 constexpr int kSweeps = 30;      // over the joints, for their play
 constexpr int kNever = std::numeric_limits<int>::max();
 
@@ -215,11 +215,17 @@ double StanceFit::slid_m(int limb) const noexcept {
   return std::max(slid.shift_G_m.tail<2>().norm() - kDoubts * doubt_m_[limb], 0.0);
 }
 
+double StanceFit::misfit_m(int limb) const noexcept {
+  if (limb != misfit_limb_) return 0.0;
+  return std::max(since_contact_[limb].shift_G_m.norm(), kArm_m * since_contact_[limb].turn_G_rad.norm());
+}
+
 void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {
   if (!begun_) play_m_ = parameters_.slip_m;  // not known yet
   since_contact_.fill({});
   doubt_m_.fill(0.0);
   moved_.fill({});
+  misfit_limb_ = -1;
   if (!lay_body(limbs)) {
     drifts_.fill({});
     forget_drift();
@@ -240,6 +246,8 @@ void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {
     since_contact_[l] = in_gripper(limbs_[l], fit_without(l, words).left);
     doubt_m_[l] = fit_without(l, played).doubt_m;
   }
+  Fit best;
+  misfit_limb_ = odd_one(words, best);
   for (int window = 0; window < kWindows; ++window) look_back(window, dt_s);
   cycles_ = (cycles_ + 1) % kSampled;
   if (cycles_ == 0) remember(limbs);

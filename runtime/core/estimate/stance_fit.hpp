@@ -50,6 +50,8 @@ class StanceFit {
 
   /// Against the others since contact; zero where fewer than two others hold.
   const Misfit& since_contact(int limb) const { return since_contact_[limb]; }
+  /// How far that is, a turn as a joint's arm makes of it, of the limb without which the others fit best; else 0 [m].
+  double misfit_m(int limb) const noexcept;
   /// How far of that it is along its faces, beyond what play of its own joints explains and what the others, by theirs,
   /// leave in doubt [m].
   double slid_m(int limb) const noexcept;
@@ -142,6 +144,7 @@ class StanceFit {
   PerLimb<Standing> limbs_;
   PerLimb<Misfit> since_contact_;
   std::array<Moved, kWindows> moved_;
+  int misfit_limb_ = -1;
   PerLimb<double> doubt_m_{};  ///< of since_contact_, along the faces
   std::array<Drift, kDrifts> drifts_;
   double play_m_ = 0.0;

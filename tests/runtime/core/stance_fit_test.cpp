@@ -102,6 +102,17 @@ TEST_F(Stance, OfThreeGripsTheOneThatSlidesIsNamedToo) {
   EXPECT_NEAR(fit_.moved(0).way_m.x(), 0.0025, 1e-4);
 }
 
+TEST_F(Stance, TheLimbThatMovedSinceContactIsToldWhicheverMovesNow) {
+  holds_[2] = false;
+  cycles(500);
+  cycles(250, 1, Vector3::Zero(), {0.2, 0.0, 0.0});
+  cycles(25, 3, {0.0, 0.005, 0.0});
+  EXPECT_EQ(fit_.odd_limb(), 3);
+  EXPECT_NEAR(fit_.misfit_m(1), 0.1 * 0.25, 5e-4);
+  EXPECT_GT(fit_.since_contact(3).shift_G_m.norm(), 0.01);  // by what the others make of it
+  EXPECT_EQ(fit_.misfit_m(0) + fit_.misfit_m(3), 0.0);
+}
+
 TEST_F(Stance, TwoGripsCannotTellWhichOfThemMoves) {
   holds_[2] = holds_[3] = false;
   cycles(500);
