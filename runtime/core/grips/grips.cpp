@@ -48,6 +48,7 @@ void Grips::forgive() noexcept {
 void Grips::watch(const CycleView& now, bool climbs, double dt_s) noexcept {
   PerLimb<FittedLimb> fitted;
   unsigned holding = 0;  // a bit a limb
+  bool closes = false;   // a gripper that finds its place on a hold moves the stance by what it presses
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& reference = now.reference.limbs[l];
     const LimbController& limb = now.limbs[l];
@@ -59,6 +60,7 @@ void Grips::watch(const CycleView& now, bool climbs, double dt_s) noexcept {
     const Vector3 force_B_N = now.body_W.rotation.transpose() * limb.wrench_W().force_N;
     fitted[l] = {&limb.state(), limb.torque_Nm(), force_B_N, holds};
     if (holds) holding |= 1U << static_cast<unsigned>(l);
+    closes = closes || (reference.closing() && !reference.point_foot);
   }
   stance_.update(fitted, dt_s);
   for (int l = 0; l < kLimbs; ++l) {
@@ -80,7 +82,7 @@ void Grips::watch(const CycleView& now, bool climbs, double dt_s) noexcept {
     compliances_[l].update(fitted[l].holds ? holding : 0, rotation_GW * limb.wrench_W().force_N,
                            stance_.since_contact(l).shift_G_m, dt_s);
   }
-  const bool grips_alone = slipping_limb() < 0 && pull_.limb() < 0 && !now.health.any_hold_lost();
+  const bool grips_alone = slipping_limb() < 0 && pull_.limb() < 0 && !closes && !now.health.any_hold_lost();
   PerLimb<double> compliance_m_N;
   for (int l = 0; l < kLimbs; ++l) compliance_m_N[l] = this->compliance_m_N(l);
   drift_.update(stance_, compliance_m_N, grips_alone, climbs, dt_s);

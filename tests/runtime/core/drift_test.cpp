@@ -75,6 +75,17 @@ TEST_F(Drifts, AHoldThatGivesWayIsToldBeforeItHasMovedFar) {
   expect_answered(FaultCode::kHoldCreeps, before_N);
 }
 
+TEST_F(Drifts, WhatMovesTheStanceWhileAGripperClosesIsNoCreep) {
+  for (int i = 0; i < 12000 && run_.result.reference[0].phase != static_cast<int>(LimbPhase::kClose); ++i) run_.step();
+  ASSERT_EQ(run_.result.reference[0].phase, static_cast<int>(LimbPhase::kClose));
+  const JointVector off_rad_s = turning(run_, {-0.0012, 0.0008, 0.0004});
+  for (double time_s = 0.0; time_s < 1.6; time_s += run_.plant.input().dt_s) {
+    loosen(run_.plant.input(), 0);  // it has not found its hold yet
+    step(off_rad_s * time_s);
+    ASSERT_FALSE(run_.result.has_fault && run_.result.fault.code == static_cast<int>(FaultCode::kHoldCreeps));
+  }
+}
+
 /// Before the plan has begun: whether a motion of 1.5 mm/s that lasts so long is told.
 bool told_before_start(double lasts_s) {
   Climber run(sample_plan());
