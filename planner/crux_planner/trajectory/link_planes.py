@@ -25,6 +25,9 @@ from crux_planner.reach.trunk_clearance import boxes_of, links_off_slabs
 from crux_planner.trajectory.box_planes import CORNERS, capsules_off, places, trunk_clear, trunk_off
 
 OFF_M = 0.0045  # of links: half as much again as the check asks for
+OFF_SURFACES_M = (
+    0.01  # of links and trunk off bounded surfaces, where the path has as much: more than a body strays from it
+)
 _NEAR_LIMB_M = 0.1  # links farther off need no plane
 _SHARES = (0.2, 0.4, 0.6, 0.8, 0.9, 1.0)  # of the way from a path that are looked at
 _LEAST_WAY_M = 1e-6  # capsules whose axes meet have no plane between them
@@ -153,17 +156,18 @@ def _off_trunk(ends: Ends, limb: int, links: Links, apart_m: Array) -> list[_Row
 def _off_surfaces(ends: Ends, path: Array, links: list[Links], apart_m: Array) -> list[_Row]:
     """Of the links but the grippers', and of the trunk."""
     rows: list[_Row] = []
+    apart_m = apart_m + OFF_SURFACES_M - OFF_M
     for slab in boxes_of(ends.slabs):
         for limb, own in enumerate(links):
             some = np.flatnonzero(~own.hand)
             both = places(path, own.start_m[:, some]), places(path, own.end_m[:, some])
-            normals, least = capsules_off((slab,), both, own.radius_m[some], apart_m, OFF_M)
+            normals, least = capsules_off((slab,), both, own.radius_m[some], apart_m, OFF_SURFACES_M)
             for i, capsule in enumerate(some):
                 rows += [
                     (normals[:, i], ends.links + end, ends.count, least[:, i]) for end in ends.numbers[limb][capsule]
                 ]
         for number, box in enumerate(ends.reaches[0].keep_off.trunk):
-            normal, wanted = trunk_off(box, slab, path, apart_m, OFF_M)
+            normal, wanted = trunk_off(box, slab, path, apart_m, OFF_SURFACES_M)
             first = 2 * ends.links + len(CORNERS) * number
             rows += [(normal, first + i, ends.count, wanted[:, i]) for i in range(len(CORNERS))]
     return rows

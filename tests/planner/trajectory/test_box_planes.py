@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import mujoco
 import numpy as np
+import pytest
 from crux_contracts.robot import Robot, load_robot
 from crux_contracts.robot_bounds import JOINTS
 from crux_contracts.scenario import parse_scenario
@@ -21,7 +22,7 @@ from crux_planner.reach.trunk_clearance import boxes_of, links_off_slabs
 from crux_planner.trajectory.box_planes import CORNERS, places, trunk_clear, trunk_off
 from crux_planner.trajectory.joint_limits import JointLimits
 from crux_planner.trajectory.joint_rows import JointFunctions
-from crux_planner.trajectory.link_planes import OFF_M, Planes, planes_about
+from crux_planner.trajectory.link_planes import OFF_M, OFF_SURFACES_M, Planes, planes_about
 from edges import CONVEX_60, edge
 from scipy.spatial.transform import Rotation
 
@@ -99,19 +100,22 @@ def test_ends_and_corners_are_where_they_are_in_H(robot: Robot) -> None:
                 assert np.linalg.norm(mine - (state[:3] + turn @ wanted), axis=1).min() < 1e-6
 
 
-def test_links_and_trunk_on_their_sides_are_off_the_surfaces(robot: Robot) -> None:
-    """Poses about one at which they are, that keep to its planes, and some that bring a link or the trunk too near."""
+@pytest.mark.parametrize("off_m", [OFF_M, OFF_SURFACES_M])
+def test_links_and_trunk_on_their_sides_are_off_the_surfaces(robot: Robot, off_m: float) -> None:
+    """Poses about one at which they are so far off, that keep to its planes, and some that bring a link or the trunk
+    too near.
+    """
     random, f = np.random.default_rng(5), functions()
     slabs, trunk = f.problem.surfaces.slabs, f.reaches[0].keep_off.trunk
 
     def clear(state: Array, hands: Array) -> bool:
         pose = state[None, :6]
         links = [reach.links(seen(state, hand)) for reach, hand in zip(f.reaches, hands.reshape(4, 4), strict=True)]
-        off = all(links_off_slabs(pose, each, slabs, OFF_M - 1e-6).all() for each in links)
-        return off and bool(trunk_clear(trunk, boxes_of(slabs), pose, OFF_M - 1e-6).all())
+        off = all(links_off_slabs(pose, each, slabs, off_m - 1e-6).all() for each in links)
+        return off and bool(trunk_clear(trunk, boxes_of(slabs), pose, off_m - 1e-6).all())
 
     kept = met = 0
-    while kept < 40 or met < 20:
+    while kept < 8 or met < 8:
         state, hands, _ = drawn(robot, random)
         lift_m = random.uniform(0.0, 0.3)
         state[2] += lift_m
