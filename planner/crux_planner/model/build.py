@@ -81,6 +81,7 @@ def build_problem(
     contacts += [_in_air(limb, scenario, heading, cuboids, shape) for limb in scenario.start.air]
     begin = start_contacts(scenario, robot, start, contacts, unusable, robot.grasp.gripper_yaw_rad)
     contact, (tolerance_m, tolerance_rad) = scenario.contact, (scenario.goal.tolerance_m, scenario.goal.tolerance_rad)
+    steepest_rad = np.abs([start.rpy_rad[:2], goal.rpy_rad[:2]]).max()
     problem = Problem(
         steps=scenario.horizon.steps,
         dt_s=scenario.horizon.dt_s,
@@ -110,6 +111,7 @@ def build_problem(
         torque_limits_Nm=(1.0 - margins.get("torque", TORQUE_MARGIN)) * effort,
         last_torques_Nm=(1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)) * effort,
         heading_rad=heading,
+        follows=not surfaces.endless and bool(steepest_rad > reach.box.max_tilt_rad),
         limit_surface=scenario.planner.limit_surface,
     )
     return problem if scenario.uncertainty is None else problem.sure_of(scenario.uncertainty)

@@ -155,6 +155,7 @@ class Problem(CentroidalProblem):
     torque_limits_Nm: Array  # (4, S) peak torques, less the margin
     last_torques_Nm: Array  # (4, S) where that leaves no solution: peak torques, less the least margin
     limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (physics.limit_surface)
+    follows: bool = False  # whether the body is to turn with bounded surfaces, as far as its limbs reach
     surface_reserve_N: float = 0.0  # kept of each finger's limit surface in the exact NLP
     speed_limits: SpeedLimits = field(default_factory=dict)  # where the body must be slower than its bound
     near: frozenset[Contacts] = frozenset()  # where limbs keep to their boxes
@@ -182,12 +183,10 @@ class Problem(CentroidalProblem):
         return self.cuboids.some(self.tall).and_others(self.surfaces.slabs)
 
     @cached_property
-    def follows(self) -> bool:
-        """Whether start or goal tilt farther than limbs in `boxes` allow, along bounded surfaces alone: the body is
-        then to follow these.
-        """
-        tilts = np.array([self.start.rpy_rad[:2], self.goal.body.rpy_rad[:2]])
-        return not self.surfaces.endless and bool(np.abs(tilts).max() > self.boxes.max_tilt_rad)
+    def may_follow(self) -> bool:
+        """Whether grasps lean farther off a level body than limbs in `boxes` allow, along bounded surfaces alone."""
+        leaning_rad = np.arccos(min(contact.up[2] for contact in self.contacts))
+        return not self.surfaces.endless and bool(leaning_rad > self.boxes.max_tilt_rad)
 
     @cached_property
     def hand_numbers(self) -> int:

@@ -26,8 +26,9 @@ from crux_planner.reach.arm import reaches_of
 from crux_planner.search.body_path import SPEED_SHARE, path_about
 from crux_planner.search.ends import aims, clear_start
 from crux_planner.search.event_cost import Timed
+from crux_planner.search.footing import Footing
 from crux_planner.search.map_search import Left, MapSearch, Step
-from crux_planner.search.pose_masks import LEVEL_RAD, Footing, PoseMasks, grid_about, hulls_of, tilts_of
+from crux_planner.search.pose_masks import LEVEL_RAD, PoseMasks, grid_about, hulls_of, tilts_of
 from crux_planner.search.pose_path import Ended, clear_path
 from crux_planner.search.schedule import TURN_SHARE, at_knots
 from crux_planner.search.stances import Oracles
@@ -126,7 +127,7 @@ def _grids(problem: Problem) -> tuple[Steps, Steps]:
 def _off_centre(climb: Climb) -> Climb:
     session = climb.session
     wider = build_problem(session.scenario, session.robot, off_centre=True, reach=climb.problem.limb_reach)
-    wider = replace(wider, boxes=wider.limb_reach.inner)
+    wider = replace(wider, boxes=wider.limb_reach.inner, follows=climb.problem.follows)
     if (start := clear_start(wider, SwingCache(wider))) is not None:
         wider = replace(wider, start_contacts=start)
     return replace(climb, oracles=Oracles.of(wider, climb.oracles.equilibrium))

@@ -24,8 +24,9 @@ from crux_planner.pipeline.explanation import check_start
 from crux_planner.reach.arm import CLEAR_M, reaches_of
 from crux_planner.reach.body_grid import BodyGrid
 from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.footing import Footing
 from crux_planner.search.highest import Highest, Upwards
-from crux_planner.search.pose_masks import Footing, PoseMasks, gripper
+from crux_planner.search.pose_masks import PoseMasks, gripper
 from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
 

@@ -44,6 +44,11 @@ class BodyGrid:
         """Of a mask."""
         return tuple(len(axis) for axis in self.axes)
 
+    @property
+    def tilts(self) -> bool:
+        """Whether bodies of different rolls or pitches are in it."""
+        return len(self.roll_rad) > 1 or len(self.pitch_rad) > 1
+
     def pose(self, cell: Sequence[int]) -> tuple[Array, Array]:
         """Place (3,) [m] and roll, pitch and yaw (3,) of the body at a cell."""
         yaw, roll, pitch, z, x, y = (axis[i] for axis, i in zip(self.axes, cell, strict=True))
@@ -73,27 +78,30 @@ class BodyGrid:
         among all.
         """
         if len(gripper_w) > UPRIGHT and gripper_w[UPRIGHT:].any():
-            tilted = self._seen_tilted(gripper_w)
-            return tilted if cells is None else tilted.where(cells)
+            return self._seen_tilted(gripper_w, cells)
         yaw, roll, pitch, z, x, y, c, s = self._open_axes if cells is None else self._at(cells)
         east, north = gripper_w[0] - x, gripper_w[1] - y
         return GripperPoses(
             c * east + s * north, c * north - s * east, gripper_w[2] - z, gripper_w[3] - yaw, roll, pitch
         )
 
-    def _seen_tilted(self, gripper_w: Array) -> GripperPoses:
+    def _seen_tilted(self, gripper_w: Array, cells: Indices | None) -> GripperPoses:
         """The same of a hand that is tilted: x, y and z are along the axes of a heading in the hand's own plane."""
         yaw, roll, pitch = np.meshgrid(self.yaw_rad, self.roll_rad, self.pitch_rad, indexing="ij")
         back = np.swapaxes(rotation_from_rpy(np.stack([roll, pitch, yaw], axis=-1)), -1, -2)
         turned = GripperPoses.of(np.zeros(3), back @ rotations(gripper_w), gripper_w[3] - yaw)
         tilt = rotation_from_rpy(np.stack([turned.roll_rad, turned.pitch_rad, np.zeros_like(yaw)], axis=-1))
-        *_, z, x, y = np.ix_(*self.axes)
+        along, angles = tilt @ back, np.stack([turned.yaw_rad, turned.roll_rad, turned.pitch_rad], axis=-1)
+        if cells is None:
+            along, angles = (each[:, :, :, None, None, None] for each in (along, angles))
+            *_, z, x, y = np.ix_(*self.axes)
+        else:
+            *turn, up, ahead, aside = np.unravel_index(cells, self.shape)
+            along, angles = along[tuple(turn)], angles[tuple(turn)]
+            z, x, y = self.z_m[up], self.x_m[ahead], self.y_m[aside]
         off = gripper_w[0] - x, gripper_w[1] - y, gripper_w[2] - z
-        east, north, up = (
-            sum(along[..., i, None, None, None] * off[i] for i in range(3)) for along in np.moveaxis(tilt @ back, -2, 0)
-        )
-        angles = (each[..., None, None, None] for each in (turned.yaw_rad, turned.roll_rad, turned.pitch_rad))
-        return GripperPoses(east, north, up, *angles)
+        place = (sum(along[..., row, i] * off[i] for i in range(3)) for row in range(3))
+        return GripperPoses(*place, *np.moveaxis(angles, -1, 0))
 
     def boxes(self, gripper_w: Array, slack: Array = _EXACT) -> tuple[GripperPoses, GripperPoses]:
         """Lowest and highest of `seen` over whole cells: bodies up to half a step off a cell's middle along each axis,

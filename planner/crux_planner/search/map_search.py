@@ -20,7 +20,8 @@ from crux_contracts import LIMB_NAMES
 from crux_planner.model.arrays import Flags, Indices
 from crux_planner.model.schedule import Contacts, Stance, stance_after
 from crux_planner.reach.body_grid import parts
-from crux_planner.search.pose_masks import Footing, Gripper, PoseMasks, gripper, grown
+from crux_planner.search.footing import Footing
+from crux_planner.search.pose_masks import Gripper, PoseMasks, gripper, grown
 from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, move_cost
 from crux_planner.solvers import clock
 from crux_planner.swing.swing import least_intervals
@@ -260,6 +261,8 @@ class MapSearch:
             grippers[limb] = gripper(pose)
             there = self.masks.held_within(grown(there) & swing.free, limb, grippers[limb])
             there = self.masks.apart(self.masks.apart(there, others), grippers, (limb,))
+            if self.masks.grid.tilts:
+                there = self.footing.strong_blocks(swing.held, stance, there)
             if not there.any():
                 return []
         numbers = self._parts(after)

@@ -15,7 +15,8 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Contacts, Schedule, Stance, stance_after
 from crux_planner.search.body_path import SPEED_SHARE
-from crux_planner.search.pose_masks import Footing, Gripper, MomentKey, PoseMasks, gripper, grown, tilts_of
+from crux_planner.search.footing import Footing
+from crux_planner.search.pose_masks import Gripper, MomentKey, PoseMasks, gripper, grown, tilts_of
 from crux_planner.search.schedule import TURN_SHARE
 
 Cell = tuple[int, ...]
@@ -99,12 +100,13 @@ def clear_path(problem: Problem, masks: PoseMasks, footing: Footing, schedule: S
     stances = _nearest_stances(schedule)
     at = [(held, stances[int(time)]) for held, time in zip(moments.contacts, moments.times, strict=True)]
     carried = {each: footing.carried(each[0], footing.oracle.mean_place(each[1])) for each in set(at)}
-    strong: dict[tuple[Contacts, Stance], Flags] = {}
+    strong: dict[tuple[Contacts, Stance, int], Flags] = {}
+    asked = [(*each, i * masks.grid.tilts) for i, each in enumerate(at)]  # where the body tilts, moment by moment
     for _ in range(_ROUNDS):
         cells, last = pose_path(problem, masks, series, [carried[each] for each in at], moments.times)
         if cells is None:
-            weak = not strong.keys().isdisjoint(at[last : last + 2])
-            return Ended(int(moments.times[last]), at[last] in strong and not series[last].any(), weak)
+            weak = not strong.keys().isdisjoint(asked[last : last + 2])
+            return Ended(int(moments.times[last]), asked[last] in strong and not series[last].any(), weak)
         met = False
         for i, cell in enumerate(cells, start=2):
             here = np.zeros_like(series[i])
@@ -112,9 +114,10 @@ def clear_path(problem: Problem, masks: PoseMasks, footing: Footing, schedule: S
             if not masks.apart(here, grippers[i]).any():
                 series[i] = masks.apart(series[i], grippers[i])
             elif not footing.strong_at(*at[i], cell):
-                if at[i] not in strong:
-                    strong[at[i]] = footing.strong(*at[i], series[i], cell)
-                series[i] = series[i] & strong[at[i]] & ~grown(here)
+                if asked[i] not in strong:
+                    strong[asked[i]] = footing.strong(*at[i], series[i], cell)
+                series[i] = series[i] & strong[asked[i]]
+                series[i] &= ~footing.weak_about(*at[i], series[i], cell)
             else:
                 continue
             met = True

@@ -24,8 +24,9 @@ from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD, _ByMap, _turn
 from crux_planner.pipeline.session import Session
 from crux_planner.reach.arm import reaches_of
 from crux_planner.search.ends import aims
+from crux_planner.search.footing import Footing
 from crux_planner.search.map_search import MapSearch
-from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about
+from crux_planner.search.pose_masks import PoseMasks, grid_about
 from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.joint_limits import JointLimits, Moment

@@ -18,8 +18,9 @@ from crux_planner.model.schedule import Move, stance_after
 from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.reach.body_grid import BodyGrid
 from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.footing import Footing
 from crux_planner.search.map_search import MapSearch
-from crux_planner.search.pose_masks import Footing, PoseMasks, grid_about, grown
+from crux_planner.search.pose_masks import PoseMasks, grid_about, grown
 from crux_planner.search.pose_path import Ended, Moments, clear_path, pose_path
 from crux_planner.search.schedule import at_knots
 from crux_planner.search.stood_on import StoodOn
@@ -321,6 +322,40 @@ def test_where_the_body_follows_surfaces_it_goes_up_and_tilts(robot: Robot) -> N
     for z, x, y in np.argwhere(stands[0, 0, 0])[::7]:
         at = np.array([grid.x_m[x], grid.y_m[y], grid.z_m[z]])
         assert footing.oracle.by_friction(support, at, at, at) is not None
+
+
+def tilting() -> MapSearch:
+    """Over an edge of 60 degrees, from a level body to a level one."""
+    robot = load_robot("scaler")
+    problem = replace(build_problem(scenario(edge(*CONVEX_60)), robot).aimed(), follows=True)
+    grid = grid_about(problem, 0.03, 0.07, 0.16, 0.0)
+    return MapSearch(PoseMasks(problem, robot, grid, 0.04), Footing(problem, grid), SwingCache(problem))
+
+
+@pytest.mark.parametrize("air", [0, 2])
+def test_motors_are_as_strong_as_blocks_of_tilted_poses_say(air: int) -> None:
+    """What a body can carry is not the same at every tilt and height."""
+    found = tilting()
+    footing, start = found.footing, found.problem.start_contacts
+    held = tuple(c if limb != air else None for limb, c in enumerate(start))
+    mask = found.masks.hold(held)
+    mask[..., 5:] = False
+    cells = np.random.default_rng(0).permutation(np.argwhere(mask))[:80]
+    ok = np.array([footing.strong_at(held, start, tuple(cell)) for cell in cells.tolist()])
+    near = tuple(cells[np.flatnonzero(ok)[0]].tolist())
+    strong = footing.strong(held, start, mask, near)
+    assert not (strong & ~mask).any()
+    assert 0.1 < ok.mean() < 0.9
+    assert (strong[tuple(cells.T)] == ok).mean() > 0.85
+    weak = footing.weak_about(held, start, mask, tuple(cells[np.flatnonzero(~ok)[0]].tolist()))
+    assert [footing.strong_at(held, start, tuple(cell)) for cell in np.argwhere(weak & mask).tolist()].count(True) == 0
+
+
+def test_swings_of_a_body_that_tilts_are_where_motors_hold_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At a sample of every swing on a way that is found, some pose of the body; none where they hold nowhere."""
+    assert tilting().find((), 60, np.inf) is not None
+    monkeypatch.setattr(Footing, "strong_blocks", lambda _self, _held, _stance, mask: np.zeros_like(mask))
+    assert tilting().find((), 60, np.inf) is None
 
 
 def test_where_there_is_no_way_the_knot_is_named(robot: Robot) -> None:
