@@ -71,12 +71,17 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None, in_part
 
 
 def _plan_anyhow(climb: Climb, in_parts: InParts | None) -> PlanResult:
-    """By map; where that finds nothing soon for a goal that is far, with limbs in their boxes and then in parts; by map
-    with grasps off the middle too, and last with limbs in their boxes and in the larger convex pieces of their reach.
+    """By map, then with a body that follows surfaces where these turn; where that finds nothing soon for a goal that is
+    far, with limbs in their boxes and then in parts; by map with grasps off the middle too, and last with limbs in
+    their boxes and in the larger convex pieces of their reach.
     """
     tried, none_level = Tried(), None
     if (quick := plan_by_map(climb, tried, quick=True)) is not None:
         return _with_gap(climb, *quick)
+    if climb.problem.may_follow and not climb.problem.follows:
+        climb, tried = climb.of(replace(climb.problem, follows=True)), Tried()
+        if (quick := plan_by_map(climb, tried, quick=True)) is not None:
+            return _with_gap(climb, *quick)
     if climb.work.bound is not None and climb.session.wants_gap:
         climb.work.bound.get_ready()
     if tried.far:

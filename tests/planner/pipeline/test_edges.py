@@ -15,9 +15,10 @@ from crux_contracts.scenario import ScenarioError
 from crux_msgs import plan_t
 from crux_planner.checker import check_plan
 from crux_planner.pipeline.message import PlanResult
+from crux_tools.paths import ROOT
 from edges import CHIMNEY, CONCAVE, CONVEX, chimney, edge, over_a_ledge
 
-ROBOT = load_robot("scaler")
+ROBOT, WALLS = load_robot("scaler"), ROOT / "benchmarks" / "walls"
 LF = 0
 
 
@@ -76,6 +77,14 @@ def test_limbs_hold_walls_that_face_each_other() -> None:
     assert check_plan(plan, ROBOT).ok
     highest_m = max(limb.gripper_position_w_m[2] for knot in plan.knots for limb in knot.limbs)
     assert highest_m > ROBOT.grasp.max_swing_height_m  # which is about swings over an endless plane
+
+
+def test_where_motors_leave_a_level_body_no_path_one_that_tilts_has_it() -> None:
+    """Start and goal are level, as the map that is asked first: with that alone J is 20.0."""
+    wall = yaml.safe_load((WALLS / "edge-60.yaml").read_text(encoding="utf-8"))
+    result = crux_planner.plan(wall, ROBOT)
+    assert result.check.ok
+    assert result.cost < 18.0
 
 
 def test_the_trunk_keeps_off_a_ledge_until_it_is_beside_it() -> None:
