@@ -69,6 +69,15 @@ def test_a_body_goes_into_a_hollow_with_its_limbs() -> None:
     assert all(one != other for one, other in zip(begin, end, strict=True))
 
 
+def test_a_wall_without_a_first_move_says_what_keeps_each_limb() -> None:
+    """And not how far a level body's limbs are from the goal's holds."""
+    with pytest.raises(crux_planner.InfeasibleError) as error:
+        crux_planner.plan(parse_scenario(text_of(115)), load_robot("scaler"))
+    assert "nearest to the goal was LF left-2, RF right-2, LR left-0, RR right-0: LF has to stay" in str(error.value)
+    assert str(error.value).count("motors are too weak without it") == 4
+    assert not error.value.proven
+
+
 def test_drawn_walls_stand_in_for_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = ["bench", "walls", "--drawn", "2", str(tmp_path / "any.yaml"), "--output", str(tmp_path / "out")]
     assert main(given) == 2

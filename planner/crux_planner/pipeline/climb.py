@@ -12,7 +12,14 @@ from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.by_map import Tried, missing_at_goal, plan_by_map
 from crux_planner.pipeline.cause import cause
-from crux_planner.pipeline.explanation import check_clear, check_start, explain, level_stance_at_goal, no_way_to
+from crux_planner.pipeline.explanation import (
+    check_clear,
+    check_start,
+    explain,
+    level_stance_at_goal,
+    no_way_to,
+    stuck_at,
+)
 from crux_planner.pipeline.fallback import at_last, disproved, farther, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, method_settings
@@ -105,9 +112,11 @@ def _plan_anyhow(climb: Climb, in_parts: InParts | None) -> PlanResult:
     assert none_level is not None
     if isinstance(none_level, LevelGoalError) and (missing := missing_at_goal(climb)) is not None:
         none_level = LevelGoalError("reach", missing)
-    if none_level.constraint == TIME_LIMIT and tried.unmoved:
+    late = none_level.constraint == TIME_LIMIT or (climb.problem.follows and climb.session.late)
+    if late and tried.unmoved:
         none_level = _out_of_motion(tried.unmoved)
-    raise at_last(climb, none_level, proof)
+    searched = tried.search(climb, False)[1] if climb.problem.follows and not tried.unmoved else None
+    raise at_last(climb, (searched and stuck_at(searched)) or none_level, proof)
 
 
 def _out_of_motion(sequences: int) -> InfeasibleError:
@@ -125,6 +134,8 @@ def _level_or_none(climb: Climb, quick: bool) -> PlanResult | InfeasibleError:
 
 def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
     """Why there is no plan; no want of reach where joint limits let a level body stand at the goal."""
+    if none.constraint == "contacts":  # of a body that tilts: what helps a level one is no cause
+        return none
     reason = cause(farther(climb), none, _level_has_plan)
     wants_reach = reason.constraint == "reach" and not reason.proven
     stance = level_stance_at_goal(climb.problem, climb.session.robot) if wants_reach else None

@@ -19,6 +19,7 @@ from crux_planner.reach.poses import GripperPoses
 from crux_planner.reach.solids import gap_m
 from crux_planner.reach.trunk_clearance import boxes_of
 from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.map_search import MapSearch
 from crux_planner.search.stances import Oracles, SearchReport, costs_to_go
 from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.box_planes import separation
@@ -150,6 +151,15 @@ def no_way_to(problem: Problem, stance: Stance, none: InfeasibleError) -> Infeas
     reason = InfeasibleError("contacts", f"{text}; {none}" if none.relaxed else text, undecided=none.undecided)
     reason.relaxed = none.relaxed
     return reason
+
+
+def stuck_at(search: MapSearch) -> InfeasibleError | None:
+    """Where a search by map got nearest to the goal, and what keeps its limbs there; None where it stood nowhere."""
+    if search.nearest is None:
+        return None
+    nearest = _stance_text(search.problem, search.nearest[0])
+    text = f"no sequence of contacts found for a body that tilts with the surfaces; nearest to the goal was {nearest}"
+    return InfeasibleError("contacts", f"{text}: {search.stuck(search.nearest)}")
 
 
 def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError | None:

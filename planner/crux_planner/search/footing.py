@@ -57,13 +57,18 @@ class Footing:
         return found if found.any() else None
 
     def held_at(self, held: Contacts, grippers: tuple[int, ...], mask: Flags) -> bool:
-        """Whether motors hold the body at some pose of a mask, those looked at that are likeliest to do."""
+        """Whether motors hold the body at some pose of a mask, those looked at that are likeliest to do; where the
+        body tilts, all blocks.
+        """
         cells, grid = np.argwhere(mask), self.grid
         middle = self.oracle.mean_place(tuple(c for c in held if c is not None))
         way = np.hypot(grid.x_m[cells[:, 4]] - middle[0], grid.y_m[cells[:, 5]] - middle[1])
         order = np.argsort(way + TURN_M * np.abs(grid.yaw_rad[cells[:, 0]]), kind="stable")
         others = self._random.permutation(order[_NEAREST:])[: _LOOKS - _NEAREST]
-        return any(self.strong_at(held, grippers, tuple(map(int, cells[j]))) for j in [*order[:_NEAREST], *others])
+        looks = [*order[:_NEAREST], *others]
+        if any(self.strong_at(held, grippers, tuple(map(int, cells[j]))) for j in looks):
+            return True
+        return self.grid.tilts and bool(self.strong_blocks(held, grippers, mask).any())
 
     def carried(self, held: Contacts, grippers_m: Array) -> Array:
         """What the wrenches of least norm add to J at one knot, (z, x, y) of the grid."""

@@ -78,6 +78,7 @@ class MapSearch:
         self._hop = away < _FAR_M
         self._least = least_intervals(problem.contacts, problem.swing)
         self._open: dict[tuple[Node, int], bool] = {}
+        self.nearest: Node | None = None  # to the goal, of all that were stood on
 
     @cached_property
     def _usable(self) -> list[list[int]]:
@@ -125,6 +126,8 @@ class MapSearch:
             if each in done:
                 continue
             done.add(each)
+            if self.nearest is None or self.ahead(each[0]) < self.ahead(self.nearest[0]):
+                self.nearest = each
             if self._ends(each) and (each in parent or not moves):
                 return _trace(parent, each)
             for swing in self._swings(each):
@@ -248,6 +251,24 @@ class MapSearch:
                 if spare and end != stance[limb]:
                     found.append(Swing(node, limb, end, lift, free, spare))
         return found
+
+    def stuck(self, node: Node) -> str:
+        """What keeps each limb on a node, in words."""
+        swings, kept = self._swings(node), list[str]()
+        for limb in self.problem.may_move(node[0]):
+            mine = [swing for swing in swings if swing.limb == limb]
+            held: Contacts = tuple(c if other != limb else None for other, c in enumerate(node[0]))
+            stands = self.footing.stands(held, self._places[list(node[0])].mean(axis=0))
+            if stands is None or not (stands & (self._parts(node[0]) == node[1])).any():
+                why = "has to stay for the balance"
+            elif not mine:
+                why = "has no other hold in reach"
+            elif not any(self._lifts_off(swing) for swing in mine):
+                why = "has to stay, motors are too weak without it"
+            else:
+                why = "gets to no hold that leads on"
+            kept.append(f"{LIMB_NAMES[limb]} {why}")
+        return "; ".join(kept)
 
     def _landed(self, swing: Swing) -> list[int]:
         """The parts of the stance after a swing in which the body may come to be."""
