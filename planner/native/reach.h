@@ -67,8 +67,8 @@ __attribute__((visibility("default"))) void crux_reach_apart(const crux_reach_ca
                                                              const crux_reach_capsules* two, int64_t poses,
                                                              double clear_m, int64_t hands, uint8_t* apart);
 
-/* Writes 1 for every pose of the body, its origin (3) and its axes (9, row by row), at which a limb's capsules but those
- * of the gripper keep off all boxes by a clearance, else 0; boxes in the axes that poses are in. */
+/* Writes 1 for every pose of the body, its origin (3) and its axes (9, row by row), at which a limb's capsules but
+ * those of the gripper keep off all boxes by a clearance, else 0; boxes in the axes that poses are in. */
 __attribute__((visibility("default"))) void crux_reach_off_boxes(const crux_reach_capsules* links, int64_t poses,
                                                                  const double* origins, const double* axes,
                                                                  const crux_reach_box* boxes, int64_t count,
