@@ -12,15 +12,20 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
+from crux_planner.errors import HorizonError
+from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem
 from crux_planner.model.poses import point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule, Stance, stance_after
 from crux_planner.pipeline.by_joints import UNLIMITED, solve_by_joints
 from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.restart import rewritten
+from crux_planner.pipeline.session import RefusedWay
 from crux_planner.pipeline.solve_and_check import Climb, improved, others_than
 from crux_planner.reach.arm import reaches_of
 from crux_planner.search.body_path import SPEED_SHARE, path_about
@@ -188,9 +193,10 @@ def _turned(problem: Problem, step: Step) -> set[Step]:
 class _ByMap:
     """From ways of stances to plans of one problem."""
 
-    def __init__(self, climb: Climb, search: MapSearch, masks: PoseMasks) -> None:
+    def __init__(self, climb: Climb, search: MapSearch, masks: PoseMasks, steps: int | None = None) -> None:
+        """Of as many steps as the search's problem has, or so many."""
         self.climb, self.search, self.masks = climb, search, masks
-        problem = self.problem = search.problem
+        problem = self.problem = replace(search.problem, steps=steps or search.problem.steps)
         self.footing = Footing(problem, masks.grid)
         self.functions = JointFunctions(problem, reaches_of(climb.session.robot), UNLIMITED)
         self.by_places = 0  # horizons of one way that fail by the grippers' places
@@ -203,6 +209,10 @@ class _ByMap:
         self.by_places = 0
         if (cheaper := self._cheaper(moves)) is not None:
             return cheaper
+        if (needed := _least_steps(self.problem, self.climb.oracles.swings, moves)) > self.problem.steps:
+            text = f"{self.problem.steps} steps are too few for {len(moves)} moves; allow at least {needed}"
+            self.climb.work.refused.append(RefusedWay(HorizonError(text, needed), partial(self._in_steps, way)))
+            return len(moves) - 1
         blamed = len(moves) - 1
         for timed in self._evenly(moves):
             found = self._timed(timed)
@@ -215,24 +225,26 @@ class _ByMap:
                 break
         return blamed
 
+    def _in_steps(self, way: list[Step], steps: int, deadline: float) -> PlanResult | int:
+        """What the same way gives with another horizon, tried without a word."""
+        session = self.climb.session
+        silent = replace(self.climb.work, log=lambda _line: None, bound=None)
+        scenario = rewritten(session.scenario, steps=steps)
+        longer = replace(self.climb, session=replace(session, scenario=scenario, work=silent, deadline=deadline))
+        return _ByMap(longer, self.search, self.masks, steps).plan(way)
+
     def _evenly(self, moves: list[Move]) -> Iterator[Timed]:
         """Swings at their quickest; the stances share some knots to spare, more each time, or all that there are."""
-        swings = self.climb.oracles.swings
-        quickest = np.array([swings.intervals(m.before[i], m.after[i]) for m in moves for i in m.limbs], dtype=int)
-        start, goal, body = self.problem.start, self.problem.goal.body, self.problem.body
-        away_m, turn_rad = np.abs(goal.position_m - start.position_m), np.abs(goal.rpy_rad - start.rpy_rad)
-        rates = SPEED_SHARE * body.max_speed_m_s, TURN_SHARE * body.max_rate_rad_s
-        travel = int(np.ceil(max(away_m.max() / rates[0], turn_rad.max() / rates[1]) / self.problem.dt_s))
-        least, most = max(int(quickest.sum()) + len(moves), travel) + 2, self.problem.steps
+        problem, swings = self.problem, self.climb.oracles.swings
+        quickest, least, most = _quickest(swings, moves), _least_steps(problem, swings, moves), problem.steps
         keeps = self.climb.session.scenario.planner.idle == "keep"
         wanted = {most} if keeps else {min(most, least + (len(moves) + 1) * spare) for spare in SPARE_KNOTS}
-        for steps in sorted(wanted):
-            if least <= steps:
-                stances = np.ones(len(moves) + 1, dtype=int)
-                stances[-1] = 2
-                for _ in range(steps - int(quickest.sum() + stances.sum())):
-                    stances[int(np.argmin(stances))] += 1
-                yield Timed(moves, stances, quickest)
+        for steps in sorted(each for each in wanted if each >= least):
+            stances = np.ones(len(moves) + 1, dtype=int)
+            stances[-1] = 2
+            for _ in range(steps - int(quickest.sum() + stances.sum())):
+                stances[int(np.argmin(stances))] += 1
+            yield Timed(moves, stances, quickest)
 
     def _cheaper(self, moves: list[Move]) -> PlanResult | None:
         """A checked plan of the moves or cheaper ones near them, the body in the convex hulls of the limbs' reach as
@@ -314,6 +326,20 @@ class _ByMap:
             if path is not None:
                 return replace(start_from_path(problem, path, poses[:, 3:]), clear=poses)
         return None
+
+
+def _quickest(swings: SwingCache, moves: list[Move]) -> Array:
+    """Knots of each swing."""
+    return np.array([swings.intervals(m.before[i], m.after[i]) for m in moves for i in m.limbs], dtype=int)
+
+
+def _least_steps(problem: Problem, swings: SwingCache, moves: list[Move]) -> int:
+    """Steps that the moves need at least, and the body on a straight way to the goal."""
+    start, goal, body = problem.start, problem.goal.body, problem.body
+    away_m, turn_rad = np.abs(goal.position_m - start.position_m), np.abs(goal.rpy_rad - start.rpy_rad)
+    rates = SPEED_SHARE * body.max_speed_m_s, TURN_SHARE * body.max_rate_rad_s
+    travel = int(np.ceil(max(away_m.max() / rates[0], turn_rad.max() / rates[1]) / problem.dt_s))
+    return max(int(_quickest(swings, moves).sum()) + len(moves), travel) + 2
 
 
 def _move_at(schedule: Schedule, k: int) -> int:

@@ -14,6 +14,7 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError
 from crux_msgs import plan_t
 from crux_planner.checker import check_plan
+from crux_planner.errors import HorizonError
 from crux_planner.pipeline.message import PlanResult
 from crux_tools.paths import ROOT
 from edges import CHIMNEY, CONCAVE, CONVEX, chimney, edge, over_a_ledge
@@ -126,3 +127,14 @@ def test_a_palm_that_would_be_in_a_surface_is_named() -> None:
         wall["start"]["grasps"][limb] = {"hold": hold, "faces": "y"}
     with pytest.raises(ScenarioError, match=r"a finger or the palm would be -?\d+ mm off side, they need 3 mm"):
         crux_planner.plan(wall, ROBOT)
+
+
+def test_over_an_edge_too_few_steps_are_said_with_how_many_are_enough() -> None:
+    wall = edge(*CONVEX)
+    wall["horizon"]["steps"] = 5
+    with pytest.raises(HorizonError) as said:
+        crux_planner.plan(wall, ROBOT, time_limit_s=20)
+    relaxed = said.value.relaxed
+    assert relaxed is not None
+    wall["horizon"]["steps"] = relaxed["amount"]
+    assert crux_planner.plan(wall, ROBOT).check.ok
