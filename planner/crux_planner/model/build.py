@@ -63,15 +63,11 @@ def build_problem(
     """
     _is_about_climbs(scenario, robot)
     _fits_one_plan(scenario)
-    bounds, margins = robot.body, scenario.planner.margins
-    ranges = (bounds.height_m, bounds.max_tilt_rad) if scenario.wall.endless else ((-np.inf, np.inf), STEEPEST_RAD)
-    body = BodyBounds(*ranges, bounds.max_speed_m_s, bounds.max_rate_rad_s, bounds.height_m[0])
+    body, margins = _body_bounds(scenario, robot), scenario.planner.margins
     heading, start, goal = body_and_ends(scenario, body)
     effort = np.stack([limb.effort_Nm for limb in robot.limbs])
-    tilt_rad = tilt_for([start.rpy_rad, goal.rpy_rad], bounds.max_tilt_rad)
-    gripper, reach = robot.gripper, reach or reach_of(robot, tilt_rad)
-    fingers = gripper.open_opening_m, gripper.pad_radius_m, gripper.finger_height_m
-    shape = GripperShape(*gripper.opening_m, *fingers)
+    tilt_rad = tilt_for([start.rpy_rad, goal.rpy_rad], robot.body.max_tilt_rad)
+    reach, shape = reach or reach_of(robot, tilt_rad), _gripper_shape(robot)
     surfaces = Surfaces.of(scenario.wall, heading)
     clearance_m = margins.get("clearance_m", robot.grasp.swing_clearance_m)
     limits = _swing_limits(scenario, robot, reach.box, clearance_m, surfaces)
@@ -146,12 +142,23 @@ def wall_contacts(
     """
     reach = reach_of(robot, tilt_for([np.zeros(3)], robot.body.max_tilt_rad))
     clearance_m = scenario.planner.margins.get("clearance_m", robot.grasp.swing_clearance_m)
-    gripper, heading = robot.gripper, scenario.start.body.rpy_rad[2]
+    heading = scenario.start.body.rpy_rad[2]
     surfaces = Surfaces.of(scenario.wall, heading)
     limits = _swing_limits(scenario, robot, reach.box, clearance_m, surfaces)
-    shape = GripperShape(*gripper.opening_m, gripper.open_opening_m, gripper.pad_radius_m, gripper.finger_height_m)
-    cuboids = cuboids_of(scenario.cuboids, heading)
+    cuboids, shape = cuboids_of(scenario.cuboids, heading), _gripper_shape(robot)
     return _contacts(scenario, robot, cuboids, surfaces, shape, limits, off_centre, 0.0)
+
+
+def _body_bounds(scenario: Scenario, robot: Robot) -> BodyBounds:
+    """(7) of the body: beside bounded surfaces alone any height, and any tilt but the steepest."""
+    bounds = robot.body
+    ranges = (bounds.height_m, bounds.max_tilt_rad) if scenario.wall.endless else ((-np.inf, np.inf), STEEPEST_RAD)
+    return BodyBounds(*ranges, bounds.max_speed_m_s, bounds.max_rate_rad_s, bounds.height_m[0])
+
+
+def _gripper_shape(robot: Robot) -> GripperShape:
+    gripper = robot.gripper
+    return GripperShape(*gripper.opening_m, gripper.open_opening_m, gripper.pad_radius_m, gripper.finger_height_m)
 
 
 _KNOWN: dict[tuple[str, float], LimbReach] = {}
