@@ -68,6 +68,7 @@ class Tried:
     searches: dict[bool, tuple[Climb, MapSearch | None]] = field(default_factory=dict)  # by whether off the middle, too
     far: bool = True  # the goal, for a quick search
     unmoved: int = 0  # ways of stances without a plan
+    short: list[HorizonError] = field(default_factory=list)  # of those that need more steps
 
     def search(self, climb: Climb, off_centre: bool) -> tuple[Climb, MapSearch | None]:
         """A search to the first pose within the goal's tolerances that has stances on the map, and whose climb it is;
@@ -105,11 +106,13 @@ def plan_by_map(climb: Climb, tried: Tried, quick: bool = False) -> tuple[PlanRe
             tried.far = search.ahead(of.problem.start_contacts) > NEAR_KNOTS
         if quick and tried.far:
             continue
-        without = set[Left]() if off_centre else tried.refused
+        without, known = set[Left]() if off_centre else tried.refused, len(climb.work.refused)
         for found in _planned(of, search, without, quick):
             if found is not None:
                 return found, search.problem
             tried.unmoved += 1
+        reasons = [way.reason for way in climb.work.refused[known:]]
+        tried.short += [each for each in reasons if isinstance(each, HorizonError)]
         if climb.session.late:
             return None
     return None
