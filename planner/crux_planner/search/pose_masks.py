@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from crux_contracts.robot import Limb, Robot
+from crux_contracts.robot import Robot
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.hands import hands_of
@@ -28,7 +28,6 @@ from crux_planner.reach.trunk_clearance import links_off_slabs, off_slabs
 
 _HULL_STEP_M = 0.01
 _SAME = 1e-9
-_THICK_M = 0.05  # of a link and what it keeps off solids, at most
 _NEARBY = (0.15, np.inf, np.inf, 0.05, 0.06, 0.06)  # yaw, roll, pitch [rad], z, x, y [m]
 TURN_M = 0.3  # of way that a radian counts as
 LEANING_RAD = 0.28  # beyond tilts of start and goal where grasps lean farther
@@ -93,7 +92,7 @@ class PoseMasks:
         self.problem, self.grid, self.clear_m = problem, grid, clear_m
         self.reaches = reaches_of(robot, margin_rad, clear_m)
         self._solid = bool(len(problem.solids.yaw_rad))
-        self._span_m = [_span_m(limb) for limb in robot.limbs]
+        self._span_m = [_span_m(reach) + clear_m for reach in self.reaches]
         self.at_moments: dict[MomentKey, Flags] = {}  # of the last schedule that was looked at
         self._held: dict[tuple[int, Gripper], Flags] = {}
         self._apart: dict[tuple[Gripper | int | None, ...], tuple[Flags, Flags]] = {}
@@ -233,9 +232,11 @@ class PoseMasks:
         return found
 
 
-def _span_m(limb: Limb) -> float:
-    """No link is farther from its gripper, its thickness and what it keeps off included."""
-    return limb.upper_link_m + limb.lower_link_m + limb.wrist_to_gripper_m + _THICK_M
+def _span_m(reach: LimbMap) -> float:
+    """No link is farther from its gripper, its thickness included."""
+    limb, links = reach.limb, reach.keep_off.links
+    thick_m = 2 * max((capsule.radius_m for capsule in links), default=0.0)
+    return limb.upper_link_m + limb.lower_link_m + limb.wrist_to_gripper_m + thick_m
 
 
 def gripper(pose: Array) -> Gripper:

@@ -1,4 +1,4 @@
-"""Planes that keep links off the trunk and off other limbs, and trunk and links off bounded surfaces, in the exact P1,
+"""Planes that keep links off the trunk and off other limbs, and trunk and links off solids, in the exact P1,
 about a path of the body.
 
 Links are capsules. A row says how far one end of a capsule is along a plane's normal, or how much farther one limb's
@@ -25,9 +25,7 @@ from crux_planner.reach.trunk_clearance import boxes_of, links_off_slabs
 from crux_planner.trajectory.box_planes import CORNERS, capsules_off, places, trunk_clear, trunk_off
 
 OFF_M = 0.0045  # of links: half as much again as the check asks for
-OFF_SURFACES_M = (
-    0.01  # of links and trunk off bounded surfaces, where the path has as much: more than a body strays from it
-)
+OFF_SURFACES_M = 0.01  # of links and trunk off solids, where the path has as much: bodies stray less from it
 _NEAR_LIMB_M = 0.1  # links farther off need no plane
 _SHARES = (0.2, 0.4, 0.6, 0.8, 0.9, 1.0)  # of the way from a path that are looked at
 _LEAST_WAY_M = 1e-6  # capsules whose axes meet have no plane between them
@@ -60,7 +58,7 @@ def unpacked(packed: Array) -> tuple[Array, Indices, Indices]:
 
 
 class Ends:
-    """Of all capsules of all limbs, numbered; a ball has one. Beside bounded surfaces also the same ends in H, which
+    """Of all capsules of all limbs, numbered; a ball has one. Beside solids also the same ends in H, which
     are as many numbers on, and then the corners of the trunk in H.
     """
 
@@ -115,7 +113,7 @@ def planes_about(ends: Ends, path: Array, hands: Array, apart_m: Array) -> Plane
 
 def farthest_clear(ends: Ends, path: Array, body: Array, hands: Array) -> Array:
     """Of body poses (N, 6) on the straight way from a path's to others, the last of some at which links keep `OFF_M`
-    off the trunk and off each other, and both off bounded surfaces, which they do on the path.
+    off the trunk and off each other, and both off solids, which they do on the path.
     """
     found, reaches, slabs = path.copy(), ends.reaches, ends.slabs
     for share in _SHARES:
