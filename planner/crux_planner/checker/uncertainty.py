@@ -136,11 +136,11 @@ def _check_reach(
         )
         there = Findings()
         check_kinematics(moved, model, gravity_w, continuous_Nm, there)
-        for worst in (each for each in there.worst() if each.constraint in _REACH):
-            at = (
-                f"hold {1e3 * x:+.0f}, {1e3 * y:+.0f} mm and {np.degrees(yaw):+.1f} degrees off {worst.detail}".rstrip()
-            )
-            limb = None if worst.limb is None else [each.name for each in model.limbs].index(worst.limb)
-            findings.add(
-                f"{worst.constraint}_uncertain", worst.amount, worst.unit, limb=limb, time_s=worst.time_s, detail=at
-            )
+        moved_by = f"hold {1e3 * x:+.0f}, {1e3 * y:+.0f} mm and {np.degrees(yaw):+.1f} degrees off"
+        for each in dict.fromkeys([*there.worst(), *there.violations]):
+            if each.constraint not in _REACH:
+                continue
+            where: dict[str, Any] = {"time_s": each.time_s, "detail": f"{moved_by} {each.detail}".rstrip()}
+            if each.limb is not None:
+                where |= {"limb": LIMB_NAMES.index(each.limb), "joint": each.joint}
+            findings.add(f"{each.constraint}_uncertain", each.amount, each.unit, **where)

@@ -160,6 +160,8 @@ class Problem(CentroidalProblem):
     speed_limits: SpeedLimits = field(default_factory=dict)  # where the body must be slower than its bound
     near: frozenset[Contacts] = frozenset()  # where limbs keep to their boxes
     nominal: Problem | None = None  # with the rows as they are without the scenario's uncertainty
+    unsure_m: float = 0.0  # how far holds may be from where they are said to be
+    unsure_rad: float = 0.0  # how far joints turn, about, to grip a hold that is elsewhere as far as it may be
 
     @cached_property
     def leans(self) -> bool:
@@ -222,6 +224,7 @@ class Problem(CentroidalProblem):
         heavier, reach, off_m = 1.0 + known.mass_kg / self.mass_kg, self.limb_reach, known.hold_position_m
         reach = replace(reach, box=reach.box.less(off_m), inner=reach.inner.less(off_m))
         swing, aside_m = self.swing, 2**0.5 * off_m
+        arm_m = min(mass.limb.lower_link_m for mass in self.limb_masses)
         clear_m = {name: getattr(swing, name) + aside_m for name in ("clearance_m", "body_clearance_m")}
         return replace(
             self,
@@ -232,6 +235,8 @@ class Problem(CentroidalProblem):
             torque_limits_Nm=self.torque_limits_Nm / heavier,
             last_torques_Nm=self.last_torques_Nm / heavier,
             nominal=self,
+            unsure_m=aside_m,
+            unsure_rad=known.hold_yaw_rad + aside_m / arm_m,
         )
 
     def farther(self) -> Problem:

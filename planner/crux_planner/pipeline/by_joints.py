@@ -24,6 +24,7 @@ from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.pipeline.foreseen import beyond_limits
 from crux_planner.pipeline.message import PlanResult, plan_message
+from crux_planner.pipeline.price import nominal_cost
 from crux_planner.pipeline.refusals import eased, refused_by, slowed
 from crux_planner.pipeline.session import Session
 from crux_planner.search.pose_path import Ended
@@ -44,6 +45,7 @@ _MORE_RAD, _MORE_M = 0.01, 0.0015  # beyond what the check misses at a moment lo
 _OUT_S = 1.0  # about a moment at which a limb is out of reach
 _MOST_APART_M = 0.012  # from where the path is kept to
 _SAME_SHARE = 0.15  # of an interval, within which moments are one
+_UNSURE = "_uncertain"  # what the check finds where holds are elsewhere
 _UNREACHED = ("inverse_kinematics", "inverse_kinematics_orientation")
 _APART = ("clearance_limbs",)
 _OFF_SURFACES = ("clearance_body", "clearance_link")  # answered where there are bounded ones
@@ -66,7 +68,7 @@ def solve_by_joints(
     has the nearest pose to one at which links keep off each other.
     """
     work, start, refused = session.work, first, None
-    begun = JointLimits.about(first.body, PLAN_RAD)
+    begun = JointLimits.about(first.body, PLAN_RAD + problem.unsure_rad)
     if first.clear is not None:
         begun = functions.nearer(begun, schedule, first.clear, first.body)
     limits = begun
@@ -88,7 +90,9 @@ def solve_by_joints(
             report = CheckReport(beyond_limits(plan, functions.reaches))
             report = check_plan(message, session.robot) if report.ok else report
         if report.ok:
-            return PlanResult.of(message, report, solution, schedule.gait, work)
+            result = PlanResult.of(message, report, solution, schedule.gait, work)
+            result.nominal_cost = nominal_cost(session, problem, schedule, solution, (functions, PLAN_RAD))
+            return result
         refused = _worst(report, problem.dt_s)
         work.log(f"{refused_by(report)}; once more with less of those joints or of their reach")
         seen = partial(_moment, plan, problem, solution.body)
@@ -142,9 +146,8 @@ def _moment(plan: PlanReference, problem: Problem, body: Array, time_s: float) -
         ]
     )[:, : problem.hand_numbers]
     pose = np.concatenate([place @ to_w, rpy - heading])
-    return Moment(
-        interval, share, hands, np.full((len(limbs), problem.chain_slots or JOINTS), _BETWEEN_RAD), off=pose - straight
-    ), pose
+    margin_rad = np.full((len(limbs), problem.chain_slots or JOINTS), _BETWEEN_RAD + problem.unsure_rad)
+    return Moment(interval, share, hands, margin_rad, off=pose - straight), pose
 
 
 def _answered(
@@ -161,10 +164,11 @@ def _answered(
     others, moments, near_m = list[Violation](), list(limits.moments), limits.near_m.copy()
     unreached = [each.time_s for each in report.violations if each.constraint in _UNREACHED and each.time_s is not None]
     for each in report.violations:
+        constraint = each.constraint.removesuffix(_UNSURE)
         beside = each.time_s is not None and any(abs(each.time_s - time_s) <= _OUT_S for time_s in unreached)
-        if beside and each.constraint not in (*_ANSWERED, *_APART):
+        if beside and constraint not in (*_ANSWERED, *_APART):
             continue  # of a posture that is none: to be seen where the limb reaches
-        if each.time_s is None or each.constraint not in (*_ANSWERED, *apart):
+        if each.time_s is None or constraint not in (*_ANSWERED, *apart):
             others.append(each)
             continue
         here, pose = seen(each.time_s)

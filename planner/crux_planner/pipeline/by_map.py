@@ -96,8 +96,6 @@ def plan_by_map(climb: Climb, tried: Tried, quick: bool = False) -> tuple[PlanRe
     What is found out is kept in `tried`. `quick`: only with the former, and few looks at moves; none where the goal is
     far.
     """
-    if quick and climb.problem.nominal is not None:  # of what is uncertain, boxes leave out where holds may be
-        return None
     for off_centre in (False,) if quick else (False, True):
         of, search = tried.search(climb, off_centre)
         if search is None:
@@ -144,9 +142,10 @@ def _off_centre(climb: Climb) -> Climb:
 def _searches(climb: Climb) -> Iterator[MapSearch]:
     """For the middle of the goal's tolerances, and then for other poses in them, tilted as its middle."""
     robot, problem = climb.session.robot, climb.problem.aimed()
-    for each in itertools.chain([problem], itertools.islice(aims(problem, reaches_of(robot, SEARCH_RAD)), AIMS)):
+    margin_rad = SEARCH_RAD + problem.unsure_rad
+    for each in itertools.chain([problem], itertools.islice(aims(problem, reaches_of(robot, margin_rad)), AIMS)):
         grid = grid_about(each, *_grids(each)[0])
-        yield MapSearch(PoseMasks(each, robot, grid, SEARCH_RAD), Footing(each, grid), climb.oracles.swings)
+        yield MapSearch(PoseMasks(each, robot, grid, margin_rad), Footing(each, grid), climb.oracles.swings)
 
 
 def _planned(climb: Climb, search: MapSearch, without: set[Left], quick: bool) -> Iterator[PlanResult | None]:
@@ -156,7 +155,7 @@ def _planned(climb: Climb, search: MapSearch, without: set[Left], quick: bool) -
     problem, session = search.problem, climb.session
     knot_m, (step_m, *others) = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s, _grids(problem)[1]
     grid = grid_about(problem, knot_m / np.ceil(knot_m / step_m), *others)  # so that the body may be as fast as it may
-    fine = PoseMasks(problem, session.robot, grid, PATH_RAD, OFF_M)
+    fine = PoseMasks(problem, session.robot, grid, PATH_RAD + problem.unsure_rad, OFF_M)
     planner = _ByMap(climb, search, fine)
     (looks, ways), refused = QUICK if quick else (LOOKS, WAYS), Counter[tuple[Stance, int]]()
     stood = False  # all the time, in vain

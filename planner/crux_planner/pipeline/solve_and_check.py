@@ -17,6 +17,7 @@ from crux_planner.physics.cost import plan_cost
 from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.by_joints import solve_by_joints
 from crux_planner.pipeline.message import PlanResult, plan_message
+from crux_planner.pipeline.price import nominal_cost
 from crux_planner.pipeline.refusals import CUTS, TooFast, eased, nearer, refused_by, slowed
 from crux_planner.pipeline.restart import rewritten
 from crux_planner.pipeline.session import RefusedWay, Session, Work
@@ -29,7 +30,7 @@ from crux_planner.search.schedule import at_knots, least_durations, scheduled
 from crux_planner.search.stances import Oracles
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.joint_rows import JointFunctions
-from crux_planner.trajectory.solution import Solution, Start, start_from_path
+from crux_planner.trajectory.solution import Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.waiting import PACES, without_waiting
 
@@ -289,19 +290,8 @@ def _finish_as_it_is(climb: Climb, schedule: Schedule, start: Start, cuts: int) 
         refused = refused if slow in (None, dict(problem.speed_limits)) else TooFast(refused, slow or {})
         return refused.blaming(_blamed(report, schedule, problem))
     result = PlanResult.of(message, report, solution, schedule.gait, work)
-    if problem.nominal is not None:
-        result.nominal_cost = _cost_without(problem.nominal, climb, schedule, solution)
+    result.nominal_cost = nominal_cost(session, problem, schedule, solution)
     return result
-
-
-def _cost_without(nominal: Problem, climb: Climb, schedule: Schedule, solution: Solution) -> float | None:
-    """J of the same contacts where nothing is uncertain."""
-    if climb.problem.boxes is climb.problem.limb_reach.inner:
-        nominal = nominal.farther()
-    problem = replace(nominal, steps=climb.problem.steps, goal=climb.problem.goal)
-    with climb.work.part("price", 0.9):
-        found = solve_within_torques(problem, schedule, solution.start, climb.session.deadline)
-    return found.cost if found.solved else None
 
 
 def gait(schedule: Schedule) -> str:

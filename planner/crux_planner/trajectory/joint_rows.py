@@ -213,12 +213,13 @@ class JointFunctions(StageFunctions):
         return low, high
 
     def _less_stretched(self, schedule: Schedule, high: Array) -> None:
-        """Elbows off straight by `STRETCH_M`, or as far as they are on the path."""
+        """Elbows off straight by `STRETCH_M` where holds are as they may be, or as far as they are on the path."""
+        off_m = STRETCH_M + self.problem.unsure_m
         grippers = self.grippers(schedule)
         path = self.reach_at(self.limits.path[1:], grippers, np.zeros(high.shape))[0]
         for limb, reach in enumerate(self.reaches):
             row, straight = JOINTS * limb + ELBOW, float(np.cos(reach.limb.lower_rad[ELBOW]))
-            wanted = cos_elbow_at(reach.limb, wrist_m(reach.limb, straight) - STRETCH_M)
+            wanted = cos_elbow_at(reach.limb, wrist_m(reach.limb, straight) - off_m)
             high[:, row] = np.minimum(high[:, row], np.maximum(wanted, path[:, row]))
 
 

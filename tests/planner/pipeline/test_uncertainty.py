@@ -15,6 +15,7 @@ from walls import one_move, scenario
 
 KNOWN = {"friction": 0.2, "hold_position_m": 0.005, "hold_yaw_deg": 3.0, "mass_kg": 1.0, "centre_of_mass_m": 0.02}
 SPINES = (5.0, 5.0, 0.05)  # N, N, N m of a finger, as walls.py has them
+REACH = ("joint_position", "inverse_kinematics")
 DRAWS = 20
 BETWEEN_N = 0.3  # the check looks between the knots, where the body is a little further
 
@@ -82,6 +83,16 @@ def test_a_plan_for_the_uncertain_holds_where_the_usual_one_does_not(robot: Robo
     usual.plan.scenario_yaml, usual.plan.scenario_sha256 = sure.plan.scenario_yaml, sure.plan.scenario_sha256
     refused = {violation.constraint for violation in check_plan(usual.plan, robot).violations}
     assert "limit_surface_uncertain" in refused
+
+
+def test_limbs_reach_a_far_hold_wherever_it_is(robot: Robot) -> None:
+    far = wall()
+    far["holds"][4]["position_m"] = [0.05, 0.47]  # beyond the boxes of LF's reach
+    usual, sure = (unproven(scenario({**far, **more}), robot) for more in ({}, {"uncertainty": KNOWN}))
+    assert sure.check.ok
+    usual.plan.scenario_yaml, usual.plan.scenario_sha256 = sure.plan.scenario_yaml, sure.plan.scenario_sha256
+    beyond = {each.limb for each in check_plan(usual.plan, robot).violations if each.constraint.startswith(REACH)}
+    assert beyond == {"LF"}
 
 
 def test_the_least_friction_takes_no_strength_from_the_fingers(robot: Robot) -> None:
