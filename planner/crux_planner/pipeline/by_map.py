@@ -55,6 +55,7 @@ SPARE_KNOTS = (1, 2, 4)  # a move, beyond what the swings need
 HALVES_M = (0.01, 0.02, 0.04, 0.08)  # how far the first solution may be off the path of the map
 MOST_BY_PLACES = 2  # horizons for which the grippers' places give no plan, until no longer one is tried
 MORE_KNOTS, MORE_IF_WEAK = 4, 1  # of a stance, and of the swing after it, where the body's path ends
+MOST_TOO_LONG = 2  # ways in a row for the horizon: the quickest come first
 MOST_LANDINGS = 2  # of a limb from one stance for which motors are too weak, until it is not lifted there any more
 AIMS = 12  # goal poses tried for one at which four limbs hold
 _SAME_M = 1e-4  # between grippers at one place
@@ -69,6 +70,11 @@ class Tried:
     far: bool = True  # the goal, for a quick search
     unmoved: int = 0  # ways of stances without a plan
     short: list[HorizonError] = field(default_factory=list)  # of those that need more steps
+
+    @property
+    def too_long(self) -> bool:
+        """Whether the horizon is too short for every way that was found."""
+        return 0 < len(self.short) == self.unmoved
 
     def search(self, climb: Climb, off_centre: bool) -> tuple[Climb, MapSearch | None]:
         """A search to the first pose within the goal's tolerances that has stances on the map, and whose climb it is;
@@ -96,6 +102,8 @@ def plan_by_map(climb: Climb, tried: Tried, quick: bool = False) -> tuple[PlanRe
     What is found out is kept in `tried`. `quick`: only with the former, and few looks at moves; none where the goal is
     far.
     """
+    if tried.too_long and tried.unmoved >= MOST_TOO_LONG:
+        return None
     for off_centre in (False,) if quick else (False, True):
         of, search = tried.search(climb, off_centre)
         if search is None:
@@ -168,7 +176,7 @@ def _planned(climb: Climb, search: MapSearch, without: set[Left], quick: bool) -
         yield found if isinstance(found, PlanResult) else None
         if session.late:
             climb.work.cut_short = True
-        if isinstance(found, PlanResult) or session.late:
+        if isinstance(found, PlanResult) or session.late or planner.too_long == MOST_TOO_LONG:
             return
         if not way:
             stood = True
@@ -202,6 +210,7 @@ class _ByMap:
         self.footing = Footing(problem, masks.grid)
         self.functions = JointFunctions(problem, reaches_of(climb.session.robot), UNLIMITED)
         self.by_places = 0  # horizons of one way that fail by the grippers' places
+        self.too_long = 0  # ways in a row that the horizon is too short for
         self._hulls: dict[float, Oracles] = {}
 
     def plan(self, way: list[Step]) -> PlanResult | int:
@@ -214,7 +223,9 @@ class _ByMap:
         if (needed := _least_steps(self.problem, self.climb.oracles.swings, moves)) > self.problem.steps:
             text = f"{self.problem.steps} steps are too few for {len(moves)} moves; allow at least {needed}"
             self.climb.work.refused.append(RefusedWay(HorizonError(text, needed), partial(self._in_steps, way)))
+            self.too_long += 1
             return len(moves) - 1
+        self.too_long = 0
         blamed = len(moves) - 1
         for timed in self._evenly(moves):
             found = self._timed(timed)

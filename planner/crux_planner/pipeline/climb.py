@@ -112,7 +112,7 @@ def _plan_anyhow(climb: Climb, in_parts: InParts | None) -> PlanResult:
     assert none_level is not None
     if isinstance(none_level, LevelGoalError) and (missing := missing_at_goal(climb)) is not None:
         none_level = LevelGoalError("reach", missing)
-    if tried.short and len(tried.short) == tried.unmoved:
+    if tried.too_long:
         none_level = min(tried.short, key=lambda each: each.needed)
     late = none_level.constraint == TIME_LIMIT or (climb.problem.follows and climb.session.late)
     if late and tried.unmoved:

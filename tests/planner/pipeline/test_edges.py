@@ -133,7 +133,7 @@ def test_over_an_edge_too_few_steps_are_said_with_how_many_are_enough() -> None:
     wall = edge(*CONVEX)
     wall["horizon"]["steps"] = 5
     with pytest.raises(HorizonError) as said:
-        crux_planner.plan(wall, ROBOT, time_limit_s=20)
+        crux_planner.plan(wall, ROBOT)
     relaxed = said.value.relaxed
     assert relaxed is not None
     wall["horizon"]["steps"] = relaxed["amount"]
