@@ -25,12 +25,11 @@ from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ANY, Oracles, search
+from crux_planner.search.stances import Oracles, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
 
 QUICKEST = (200.0, 5.0)  # stances looked at for the quickest sequence of contacts: on any way, and for each knot
-GREED = 2.0  # the factor by which a sequence may be slower after that
 LEVEL_SHARE = 0.6  # of the time goes at most into the search for plans of a level body with one heading
 REASON_SHARE = 0.1  # of the time is kept to find out why there is no plan
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
@@ -80,7 +79,7 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None, in_part
 def _plan_anyhow(climb: Climb, in_parts: InParts | None) -> PlanResult:
     """By map, then with a body that follows surfaces where these turn; where that finds nothing soon for a goal that is
     far, with limbs in their boxes and then in parts; by map with grasps off the middle too, and last with limbs in
-    their boxes and in the larger convex pieces of their reach.
+    their boxes.
     """
     tried, none_level = Tried(), None
     if (quick := plan_by_map(climb, tried, quick=True)) is not None:
@@ -92,7 +91,7 @@ def _plan_anyhow(climb: Climb, in_parts: InParts | None) -> PlanResult:
     if climb.work.bound is not None and climb.session.wants_gap:
         climb.work.bound.get_ready()
     if tried.far:
-        found = _level_or_none(climb, True)
+        found = _level_or_none(climb)
         if isinstance(found, PlanResult):
             return found
         none_level = found
@@ -102,14 +101,11 @@ def _plan_anyhow(climb: Climb, in_parts: InParts | None) -> PlanResult:
         return _with_gap(climb, joined)
     if (by_map := plan_by_map(climb, tried)) is not None:
         return _with_gap(climb, *by_map)
-    for each, quickest in ((climb, True), (farther(climb), False)):
-        if quickest and none_level is not None:
-            continue
-        found = _level_or_none(each, quickest)
+    if none_level is None:
+        found = _level_or_none(climb)
         if isinstance(found, PlanResult):
             return found
         none_level = found
-    assert none_level is not None
     if isinstance(none_level, LevelGoalError) and (missing := missing_at_goal(climb)) is not None:
         none_level = LevelGoalError("reach", missing)
     if tried.too_long:
@@ -126,10 +122,10 @@ def _out_of_motion(sequences: int) -> InfeasibleError:
     return InfeasibleError(TIME_LIMIT, f"{text}; allow more with --time-limit")
 
 
-def _level_or_none(climb: Climb, quick: bool) -> PlanResult | InfeasibleError:
+def _level_or_none(climb: Climb) -> PlanResult | InfeasibleError:
     """As `_plan_level`, with a share of the time; or why there is none."""
     try:
-        return _plan_level(climb, quick, climb.session.share_of_time(LEVEL_SHARE))
+        return _plan_level(climb, climb.session.share_of_time(LEVEL_SHARE))
     except InfeasibleError as none:
         return none
 
@@ -147,28 +143,25 @@ def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
 def _level_has_plan(climb: Climb) -> bool:
     """Whether a plan is found for a level body."""
     try:
-        _plan_level(climb, True, climb.session.deadline)
+        _plan_level(climb, climb.session.deadline)
     except InfeasibleError:
         return False
     return True
 
 
-def _plan_level(climb: Climb, quick: bool, until: float) -> PlanResult:
-    """The body level, with one heading, and grasps in the middle of their faces; by sequences of contacts that are
-    found until then.
-
-    `quick`: only by the quickest sequences of contacts, and only while these are found soon.
+def _plan_level(climb: Climb, until: float) -> PlanResult:
+    """The body level, with one heading, and grasps in the middle of their faces; by the quickest sequences of contacts,
+    while these are found soon and until then.
     """
     failures: list[InfeasibleError] = []
     tighter = _tighter(climb)
-    greed, most = (1.0, QUICKEST) if quick else (GREED, ANY)
     for at_once in (1, 2):
         if failures and failures[0].constraint not in TWO_AT_ONCE_HELPS:
             break
 
         def attempt(climb: Climb, at_once: int = at_once) -> PlanResult | InfeasibleError | None:
             with climb.work.part("contacts", 0.1):
-                found = search(climb.oracles, at_once=at_once, greed=greed, deadline=until, most=most)
+                found = search(climb.oracles, at_once=at_once, greed=1.0, deadline=until, most=QUICKEST)
             moves, seen = found
             if moves is not None:
                 return solve_and_check(climb, moves)
