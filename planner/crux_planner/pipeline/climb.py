@@ -29,7 +29,7 @@ from crux_planner.search.stances import Oracles, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
 
-QUICKEST = (200.0, 5.0)  # stances looked at for the quickest sequence of contacts: on any way, and for each knot
+QUICKEST = (50.0, 0.5)  # stances looked at for the quickest sequence of contacts: on any way, and for each knot
 LEVEL_SHARE = 0.6  # of the time goes at most into the search for plans of a level body with one heading
 REASON_SHARE = 0.1  # of the time is kept to find out why there is no plan
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
