@@ -1,12 +1,16 @@
 """Which swings exist and which of them other grippers leave free; everything computed once and kept."""
 
+from collections.abc import Iterator
+
 import numpy as np
+from crux_contracts.gripper_frames import gripper_rotation
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.hands import TILTED
 from crux_planner.model.problem import Problem
 from crux_planner.swing.swing import Swing, footprint, gripper_gap, palm_gap, palms, plan_swing
 
+_NO_WAY_M = 1e-6
 _CORNER_SHARE = 0.5  # of the clearance among grippers, at the corners of palms that are turned against each other
 
 
@@ -22,7 +26,7 @@ class SwingCache:
         shape = problem.shape
         poses = np.stack([c.pose for c in problem.contacts])
         widest = max(c.separation_m / 2 for c in problem.contacts)
-        self._standing = self._seen_from_above(poses, shape.half_length(widest) - shape.pad_radius)  # (C, 1 or 2, 9, 3)
+        self._standing = self._footprints(poses, shape.half_length(widest) - shape.pad_radius)[:, None]  # of one each
         self._touching = 2 * shape.pad_radius + problem.swing.body_clearance_m
 
     def swing(self, start: int, end: int) -> Swing | None:
@@ -104,7 +108,13 @@ class SwingCache:
         return self._gaps[key]
 
     def _apart(self, a: Array, b: Array) -> bool:
-        """Whether footprints (n, 9, 3) and (m, 9, 3) keep clear: as capsules, and as the rectangles that palms are."""
+        """Whether footprints (n, 1 or 2, 9, 3) and (m, …) keep clear: nothing is farther apart than it is seen to be,
+        so one direction in which they are seen apart is enough.
+        """
+        return any(self._seen_apart(a @ view, b @ view) for view in _views(a, b))
+
+    def _seen_apart(self, a: Array, b: Array) -> bool:
+        """Whether they are apart in plan view: as capsules, and as the rectangles that palms are."""
         if gripper_gap(a, b) < self._touching:
             return False
         width = self.problem.shape.pad_radius
@@ -117,10 +127,10 @@ class SwingCache:
             swing, shape = self.way(*move), self.problem.shape
             poses = swing.poses(max(3 * swing.intervals, 12))
             length = shape.half_length(float(poses[:, 4].max())) - shape.pad_radius
-            self._columns[move] = self._seen_from_above(poses, length).reshape(-1, 9, 3)
+            self._columns[move] = self._footprints(poses, length)
         return self._columns[move]
 
-    def _seen_from_above(self, poses: Array, half_length: Array) -> Array:
+    def _footprints(self, poses: Array, half_length: Array) -> Array:
         """Footprints (n, 1, 9, 3) of grippers; (n, 2, 9, 3), those of the palms too, where some are aslant."""
         seen = [footprint(poses, half_length)]
         if self.problem.hand_numbers == TILTED:
@@ -128,8 +138,23 @@ class SwingCache:
         return np.stack(seen, axis=1)
 
 
+def _views(a: Array, b: Array) -> Iterator[Array]:
+    """Turns (3, 3), from H, to axes along whose z grippers are looked at: along H's, and where some are aslant, along
+    the ways off both holds, half way between these first.
+    """
+    yield np.eye(3)
+    if a.shape[1] == 1:
+        return
+    first, second = ((each[:, 1] - each[:, 0]).mean(axis=(0, 1)) for each in (a, b))
+    for way in (first + second, first, second):
+        length, sine = float(np.linalg.norm(way)), float(np.hypot(way[0], way[1]))
+        if min(sine, length) > _NO_WAY_M:
+            yield gripper_rotation(0.0, np.arctan2(sine, way[2]) / sine * np.array([-way[1], way[0]]))
+
+
 def _palms(footprints: Array, half_width: float) -> Array:
-    """(n, 4) x, y, yaw and half length of the palms whose round ends lie around footprints (n, 9, 3)."""
+    """(n, 4) x, y, yaw and half length of the palms whose round ends lie around footprints (…, 9, 3)."""
+    footprints = footprints.reshape(-1, *footprints.shape[-2:])
     way = footprints[:, -1, :2] - footprints[:, 0, :2]
     middle = (footprints[:, -1, :2] + footprints[:, 0, :2]) / 2
     length = np.linalg.norm(way, axis=1) / 2 + half_width

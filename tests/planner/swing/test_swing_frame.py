@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from crux_contracts.gripper_frames import gripper_rotation, yaw_and_tilt
 from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import NO_CUBOIDS, Cuboids
-from crux_planner.model.hands import hands_of, rotations
+from crux_planner.model.hands import TILTED, hands_of, rotations
 from crux_planner.swing.swing import Swing, plan_swing
+from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.swing.swing_frame import SwingFrame
 from scipy.spatial.transform import Rotation
 
@@ -135,3 +138,27 @@ def test_rotations_are_those_of_gripper_frames() -> None:
     """`rotations` above is the planner's own: the frame of a gripper by its definition."""
     hand = np.array([0.0, 0.0, 0.0, 0.4, 0.2, -0.3])
     assert rotations(hand) == pytest.approx(gripper_rotation(0.4, hand[4:]))
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 40.0, 75.0, 90.0])
+def test_grippers_on_one_plane_are_as_far_apart_however_it_is_turned(tilt_deg: float) -> None:
+    (turn,), contacts = about_y(tilt_deg), list[Contact]()
+    for hold, along_m in enumerate((0.0, 0.12, 0.28)):
+        yaw, tilt = yaw_and_tilt(turn.as_matrix())
+        grips = 0.06, np.full(2, 2.2), np.zeros((2, 3)), 0.048
+        contacts.append(Contact(hold, 0, 0, yaw, turn.apply([along_m, 0.0, 0.03]), *grips, tilt_rad=tilt))
+    problem: Any = SimpleNamespace(contacts=contacts, shape=SHAPE, swing=LIMITS, hand_numbers=TILTED)
+    swings = SwingCache(problem)
+    assert [swings.apart(0, other) for other in (1, 2)] == [False, True]
+
+
+def test_grippers_that_face_each_other_clash_where_palms_meet() -> None:
+    """On two walls: at 0.3 m between their holds nothing touches, at 0.1 m the palms are in one another."""
+    for between_m, apart in ((0.3, True), (0.1, False)):
+        contacts = list[Contact]()
+        for hold, (turn, side) in enumerate(zip(about_y(90.0, -90.0), (-0.5, 0.5), strict=True)):
+            yaw, tilt = yaw_and_tilt(turn.as_matrix())
+            place, grips = np.array([side * between_m, 0.0, 0.0]), (0.06, np.full(2, 2.2), np.zeros((2, 3)), 0.048)
+            contacts.append(Contact(hold, 0, 0, yaw, place, *grips, tilt_rad=tilt))
+        problem: Any = SimpleNamespace(contacts=contacts, shape=SHAPE, swing=LIMITS, hand_numbers=TILTED)
+        assert SwingCache(problem).apart(0, 1) == apart
