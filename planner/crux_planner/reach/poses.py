@@ -30,15 +30,20 @@ class GripperPoses:
 
     @classmethod
     def of(cls, place_b_m: Array, rotation_b: Array, near_rad: Array | float = 0.0) -> GripperPoses:
-        """Of places (..., 3) and rotations (..., 3, 3) in the body frame; yaws within half a turn of `near_rad`, one or
-        (...).
+        """Of places (..., 3) and rotations (..., 3, 3) in the body frame; yaws within a quarter turn of `near_rad`, one
+        or (...): of a rotation's two triples of angles the one that does not turn over where a body tilts by more than
+        a right angle.
         """
         up = rotation_b[..., :, 2]
         pitch, roll = -np.arcsin(np.clip(up[..., 0], -1.0, 1.0)), np.arctan2(up[..., 1], up[..., 2])
         tilt = rotation_from_rpy(np.stack([roll, pitch, np.zeros_like(roll)], axis=-1))
         x, y, z = np.moveaxis((tilt @ place_b_m[..., None])[..., 0], -1, 0)
         along = (tilt @ rotation_b)[..., :, 0]
-        return cls(x, y, z, wrap_near(np.arctan2(along[..., 1], along[..., 0]), near_rad), roll, pitch)
+        yaw = np.arctan2(along[..., 1], along[..., 0])
+        over = np.cos(yaw - near_rad) < 0.0
+        x, y = (np.where(over, -each, each) for each in (x, y))
+        yaw, roll = (np.where(over, each + np.pi, each) for each in (yaw, roll))
+        return cls(x, y, z, wrap_near(yaw, near_rad), roll, np.where(over, np.pi - pitch, pitch))
 
     @property
     def arrays(self) -> tuple[Array, Array, Array, Array, Array, Array]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot
-from crux_planner.model.kinematics import limit_margin
+from crux_planner.model.kinematics import limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.reach.arm import CLEAR_M, LEAST_RADIUS_M, MARGIN_RAD, ArmReach, reaches_of
 from crux_planner.reach.poses import GripperPoses
 from hypothesis import given, settings
@@ -167,6 +167,24 @@ def test_grippers_of_any_rotation(robot: Robot, limb: int) -> None:
         again = other.pose(angles)
         assert max(np.abs(again[0] - place[i]).max(), np.abs(again[1] - rotation[i]).max()) < 1e-9
     assert not reach.cannot(poses, poses).any()
+
+
+@limbs
+def test_a_gripper_does_not_turn_over_where_a_body_tilts_by_more_than_a_right_angle(robot: Robot, limb: int) -> None:
+    """From one tilt to the next joint 6 turns little; Pinocchio has the gripper there, where joints are in range."""
+    other, reach = PinocchioLimb(robot, limb), ArmReach(robot.limbs[limb], margin_rad=0.0)
+    pitch, upright = np.radians(np.arange(-130.0, 131.0, 2.0)), np.zeros(131)
+    rotation = rotation_from_rpy(np.column_stack([upright, pitch, upright]))
+    place = robot.limbs[limb].shoulder_b_m + 0.26 * rotation_z(robot.limbs[limb].mount_rad)[:, 0] - [0.0, 0.0, 0.02]
+    poses = GripperPoses.of(np.tile(place, (131, 1)), rotation)
+    assert poses.yaw_rad == pytest.approx(0.0, abs=1e-9)
+    q = reach.angles(poses)
+    assert np.abs(np.diff(q[:, 5])).max() < np.radians(10.0)
+    over = np.flatnonzero(reach.reaches(poses) & (np.abs(pitch) > np.radians(95.0)))
+    assert len(over)
+    for angles, turn in zip(q[over], rotation[over], strict=True):
+        found = other.pose(angles)
+        assert max(np.abs(found[0] - place).max(), np.abs(found[1] - turn).max()) < 1e-9
 
 
 def test_a_whole_turn_of_the_gripper_is_another_pose(robot: Robot) -> None:
