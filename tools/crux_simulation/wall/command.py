@@ -8,14 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from crux_contracts.scenario_types import MAX_SLOPE_DEG
+from crux_contracts.scenario_types import MAX_LEAN_DEG, MAX_SLOPE_DEG
 from crux_tools.arguments import positive, taught, within
 from crux_tools.output import add_json_option
 
 from crux_simulation.wall.check_command import add_check
 from crux_simulation.wall.edit.command import add_edit
-
-MAX_TILT_DEG = 60.0
 
 
 def degrees(most: float) -> Callable[[str], float]:
@@ -67,7 +65,7 @@ def add_import(actions: Any) -> None:
     )
     parser.add_argument("--friction", type=positive, default=2.2, metavar="MU", help="of all faces (2.2: sandpaper)")
     parser.add_argument(
-        "--tilt", type=degrees(MAX_TILT_DEG), default=15.0, metavar="DEG", help="the most that a face may lean (15)"
+        "--tilt", type=degrees(MAX_LEAN_DEG), default=15.0, metavar="DEG", help="the most that a face may lean (15)"
     )
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="a picture of the holds and the reasons")
     add_json_option(parser)
