@@ -136,6 +136,21 @@ def test_every_place_with_a_stance_is_told_and_the_limbs_reach_their_holds_from_
     assert report.top is None
 
 
+@pytest.mark.parametrize("left_out", [["start", "goal"], ["goal"]])
+def test_a_wall_without_start_or_goal_is_looked_at_from_its_lowest_stance(
+    left_out: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As `crux wall import` may leave it."""
+    whole = checked(tmp_path, wall(), capsys)
+    given = {name: each for name, each in wall().items() if name not in left_out}
+    said = checked(tmp_path, given, capsys)
+    assert said["pairs"] == whole["pairs"] or "start" in left_out
+    assert [set(pair["limbs"]) for pair in said["pairs"]] == [set(START)] * 8
+    grasps = said["start"]["begun"]["grasps"]
+    assert {hold for hold, _ in grasps.values()} == set(START)
+    assert said["highest"]["body_m"][0] == pytest.approx(whole["highest"]["body_m"][0], abs=0.03)
+
+
 def test_the_way_up_ends_where_holds_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = checked(tmp_path, wall(*(hold(f"far-{limb}", x + 1.5, y) for limb, (x, y) in START.items())), capsys)
     top = said["highest"]

@@ -30,7 +30,7 @@ def add_check(actions: Any) -> None:
             "crux wall check wall.yaml --robot robots/mine --json",
         ),
     )
-    parser.add_argument("wall", type=Path, metavar="WALL", help="a scenario")
+    parser.add_argument("wall", type=Path, metavar="WALL", help="a scenario, which may lack start and goal")
     parser.add_argument("--robot", metavar="R", help="name or folder of the robot (the scenario's)")
     parser.add_argument(
         "--time-limit",
@@ -47,13 +47,17 @@ def add_check(actions: Any) -> None:
 def _check(options: argparse.Namespace) -> int:
     from crux_contracts.output_file import look_at_outputs, write_whole
     from crux_contracts.robot import robot_of
-    from crux_contracts.scenario import load_scenario
+    from crux_contracts.yaml_document import read_bytes
     from crux_planner.method_report import wall_report
     from crux_tools.output import note, print_json, progress
 
+    from crux_simulation.wall.edit.content import scenario_of
+    from crux_simulation.wall.edit.wall_file import read_wall
+
     look_at_outputs({"--picture": options.picture}, (options.wall,))
-    scenario = load_scenario(options.wall)
-    robot = robot_of(options.robot or scenario.robot)
+    content, own = read_wall(read_bytes(options.wall), options.wall)
+    robot = robot_of(options.robot) if options.robot else own
+    scenario = scenario_of(content, robot, str(options.wall))
     with progress("checking the wall", 1.0) as bar:
         report = wall_report(scenario, robot, options.time_limit, LOOKS, bar.at)
     for line in _lines(report):

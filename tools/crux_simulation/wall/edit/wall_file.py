@@ -27,6 +27,14 @@ ORDER = ("version", "name", "robot", "wall", "contact", "holds", "obstacles", "s
 HEAD = "# Drawn by `crux wall edit`. Frame W: x up the wall, y to the left, z off it.\n"
 
 
+def read_wall(data: bytes, path: Path) -> tuple[Content, Robot]:
+    """What a scenario file says, which may lack start and goal, and its robot. Raises DocumentError."""
+    content: Any = values(parse_mapping(data, str(path)))
+    if not missing(content) or content.get("robot") not in robot_names():
+        parse_scenario(data, str(path))  # names the lines of what is wrong
+    return content, load_robot(content["robot"])
+
+
 class WallFile:
     """A scenario, which may lack start and goal, or a new one. `data`: what is on the disk as far as is known."""
 
@@ -41,17 +49,11 @@ class WallFile:
             self.robot = load_robot(robot)
             self.content = empty_wall(path.stem, self.robot, slope_deg)
         else:
-            self.content, self.robot = self._read(self.data)
+            self.content, self.robot = read_wall(self.data, path)
         self.scenario = scenario_of(self.content, self.robot, str(path))
         if self.scenario.contact.model != "patch":
             raise UsageError(f"{path}: contact.model: point: expected patch: this is about holds for grippers")
         self.places = places_of(self.content)
-
-    def _read(self, data: bytes) -> tuple[Content, Robot]:
-        content: Any = values(parse_mapping(data, str(self.path)))
-        if not missing(content) or content.get("robot") not in robot_names():
-            parse_scenario(data, str(self.path))  # names the lines of what is wrong
-        return content, load_robot(content["robot"])
 
     def sketch(self) -> Sketch:
         """What the page begins with."""
