@@ -39,6 +39,7 @@ __all__ = [
     "start_is_well_formed",
     "upright_reach",
     "walk_residuals",
+    "wall_lacks",
     "wall_offers",
     "wall_report",
 ]
@@ -157,6 +158,14 @@ def wall_offers(scenario: Scenario, robot: Robot) -> WallReport:
     from crux_planner.pipeline import wall_check
 
     return wall_check.wall_offers(scenario, robot)
+
+
+def wall_lacks(scenario: Scenario, robot: Robot) -> dict[tuple[int, str], str]:
+    """By number of a hold and pair of its faces, x or y, why no gripper takes it, wherever the body is."""
+    from crux_planner.model.build import wall_contacts
+    from crux_planner.model.contacts import PAIR_NAMES
+
+    return {(hold, PAIR_NAMES[pair]): why for (hold, pair), why in wall_contacts(scenario, robot, True)[1].items()}
 
 
 def first_walls(robot: Robot) -> Iterator[FirstWall]:

@@ -11,7 +11,10 @@ import pytest
 import trimesh
 import yaml
 from climbs import climb_here
+from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
+from crux_planner.method_report import wall_offers
+from crux_simulation.wall.edit.content import scenario_of
 from crux_simulation.wall.read import read_surface
 from crux_tools.cli import main
 from crux_tools.paths import SCENARIOS
@@ -138,6 +141,22 @@ def test_a_hold_is_not_in_the_way_of_its_own_fingers(tmp_path: Path, capsys: pyt
     for other in others:
         inside = np.abs((fingers - other["position_m"]) @ turned(other["yaw_deg"])) < np.divide(other["size_m"][:2], 2)
         assert not inside.all(axis=1).any(), other
+
+
+def test_a_pair_of_faces_that_the_planner_does_not_grip_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A post has faces narrower than a plan's patch; it is 15 mm beside the middle of a finger's way, plans keep 18 mm
+    off.
+    """
+    parts = [standing(0.0, 0.0, box(0.06, 0.024, 0.06)), standing(0.052, 0.025, box(0.02, 0.02, 0.06))]
+    path, wall, robot = scan(tmp_path, parts, (0.4, 0.4)), tmp_path / "wall.yaml", load_robot("scaler")
+    wall_import(capsys, str(path), "-o", str(wall), "--outward", *vector(OUT), status=1)
+    report = wall_offers(scenario_of(yaml.safe_load(wall.read_text(encoding="utf-8")), robot, "wall"), robot)
+    (hold,) = yaml.safe_load(wall.read_text(encoding="utf-8"))["holds"]
+    (gripped,) = (pair.faces for pair in report.pairs if not pair.reason)
+    assert hold["size_m"]["xy".index(gripped)] == pytest.approx(0.024, abs=1e-3)
+    assert {face[1] for face, friction in hold["friction"].items() if friction > 0.0} == {gripped}
 
 
 def test_a_heap_of_bodies_is_few_obstacles_that_cover_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,11 +15,13 @@ from crux_contracts.robot import Robot, load_robot
 from crux_contracts.scenario import ScenarioError
 from crux_contracts.scenario_bodies import SIDE_FACES
 from crux_contracts.scenario_types import MAX_CUBOIDS, Wall
+from crux_planner.method_report import wall_lacks
 from crux_tools.errors import UsageError
 from crux_tools.output import progress
 
 from crux_simulation.wall.board import read_board
 from crux_simulation.wall.boxes import Box, apart, boxes
+from crux_simulation.wall.edit.content import scenario_of
 from crux_simulation.wall.frame import CLIMBED, Placed, placed, rpy_rad
 from crux_simulation.wall.parts import WALL, Bounded, behind, bounded, parts
 from crux_simulation.wall.places import Limits, bodies, find_places
@@ -87,6 +89,9 @@ def imported(scan: Path, output: Path, options: Options) -> Imported:
             raise UsageError(f"{scan}: needs {most} holds or obstacles, expected at most {MAX_CUBOIDS} of each; {hint}")
         bar.at(2)
         document = _document(scan, robot, found, surfaces, slope_deg, options)
+        while wall is not None and (lost := _ungripped(document, found, robot)):
+            found = [_without(box, lost[box.name]) if box.name in lost else box for box in found]
+            document = _document(scan, robot, found, surfaces, slope_deg, options)
         on_holds = stances([box for box in found if box.is_hold], robot)
         chosen = ends(on_holds, lambda stance: _refusal(document, stance, robot))
     if not isinstance(chosen, str):
@@ -139,6 +144,29 @@ def _with_friction(found: list[Box], friction: float) -> list[Box]:
         lost = box.is_hold and not (first or second)
         kept.append(replace(box, faces=(first, second), reason=SLIPPERY if lost else box.reason))
     return kept
+
+
+def _ungripped(document: dict[str, Any], found: list[Box], robot: Robot) -> dict[str, dict[str, str]]:
+    """By hold and pair of faces why the planner has no grasp there, with what stands beside it."""
+    try:
+        lacks = wall_lacks(scenario_of(document, robot, "wall"), robot)
+    except ScenarioError:  # said where start and goal are looked for
+        return {}
+    lost = dict[str, dict[str, str]]()
+    for index, box in enumerate(box for box in found if box.is_hold):
+        for pair, can in zip("xy", box.faces, strict=True):
+            if can and (index, pair) in lacks:
+                lost.setdefault(box.name, {})[pair] = lacks[index, pair]
+    return lost
+
+
+def _without(box: Box, lost: dict[str, str]) -> Box:
+    """A hold that is not gripped by these pairs of faces; an obstacle, where none is left."""
+    first, second = (can and pair not in lost for pair, can in zip("xy", box.faces, strict=True))
+    if first or second:
+        return replace(box, faces=(first, second))
+    name, why = box.name.replace("hold", "body"), next(iter(lost.values()))
+    return replace(box, name=name, faces=(False, False), lean_rad=(0.0,) * 4, aside_rad=None, reason=why)
 
 
 def _document(
