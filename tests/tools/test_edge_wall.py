@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import crux_planner
 import mujoco
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ import yaml
 from climbs import climb_here
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import parse_scenario
+from crux_contracts.scenario import load_scenario, parse_scenario
+from crux_simulation.benchmarks.many_walls import WALLS
 from crux_tools.robot3d.wall import add_wall
 from edges import CHIMNEY, CONCAVE, CONVEX, CONVEX_60, chimney, edge
 from shared_plans import unproven
@@ -59,3 +61,18 @@ def test_the_robot_climbs_from_plane_to_plane(tmp_path: Path, scene: dict[str, A
     status, climbed = climb_here(plan, tmp_path / "log.mcap")
     assert (status, climbed["slips"], climbed["fell"]) == (0, 0, False)
     assert climbed["tracking"]["body_rms_m"] < 0.002
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize(
+    ("name", "turns_deg"), [("floor-wall-90", 90.0), ("wall-ceiling-150", 60.0), ("room-150", 150.0)]
+)
+def test_the_robot_climbs_from_a_floor_to_a_ceiling(tmp_path: Path, name: str, turns_deg: float) -> None:
+    """About 4 minutes, most in the room: the body turns with the planes, from the floor to below the ceiling."""
+    plan, robot = tmp_path / "plan.mcap", load_robot("scaler")
+    result = crux_planner.plan(load_scenario(WALLS / f"{name}.yaml"), robot, time_limit_s=200.0)
+    pitch = [knot.body_rpy_rad[1] for knot in (result.plan.knots[0], result.plan.knots[-1])]
+    assert np.degrees(pitch[0] - pitch[1]) == pytest.approx(turns_deg, abs=3.0)
+    write_plan(plan, result.plan)
+    status, climbed = climb_here(plan, tmp_path / "log.mcap")
+    assert (status, climbed["slips"], climbed["fell"]) == (0, 0, False)
