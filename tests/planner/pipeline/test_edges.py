@@ -16,6 +16,7 @@ from crux_msgs import plan_t
 from crux_planner.checker import check_plan
 from crux_planner.errors import HorizonError
 from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.session import Session
 from crux_tools.paths import ROOT
 from edges import CHIMNEY, CONCAVE, CONVEX, chimney, edge, over_a_ledge
 
@@ -138,3 +139,10 @@ def test_over_an_edge_too_few_steps_are_said_with_how_many_are_enough() -> None:
     assert relaxed is not None
     wall["horizon"]["steps"] = relaxed["amount"]
     assert crux_planner.plan(wall, ROBOT).check.ok
+
+
+def test_where_time_runs_out_over_too_few_steps_these_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a machine so slow that one way is all that is looked at."""
+    monkeypatch.setattr(Session, "late", property(lambda _session: True))
+    with pytest.raises(HorizonError, match="5 steps are too few for 4 moves; allow at least 24"):
+        crux_planner.plan(edge(*CONVEX) | {"horizon": {"steps": 5, "dt_s": 2.0}}, ROBOT)
