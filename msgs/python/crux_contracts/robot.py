@@ -18,6 +18,7 @@ from .five_bar import FiveBar, geometry
 from .gain_checks import gain_problems
 from .joint_loop_checks import joint_loop_problems
 from .motor_checks import motor_problems
+from .one_branch import on_one_branch
 from .places import MSGS
 from .robot_bounds import JOINTS
 from .robot_meaning import robot_meaning
@@ -217,7 +218,7 @@ def _limbs(rules: RobotRules, file: RobotYaml, path: str) -> tuple[Limb, ...] | 
         if (made := completed(_without_closed_form(each), slots)) is None:
             rules.note(f"limb {each.name}", "", CANNOT_PLACE)
         else:
-            whole.append(made)
+            whole.append(on_one_branch(made))
     return tuple(whole) if len(whole) == len(limbs) else None
 
 

@@ -83,6 +83,8 @@ class Limb:
     """Between the joints, whose limits are as far as the actuators let them, and"""
     actuators: Limits
     """(J,) the actuators: what their nodes take."""
+    branch_rad: Array | None = None
+    """(2, J) least and most at which a joint keeps the limb on one branch, see one_branch; None: wherever it is."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -95,17 +97,30 @@ class Limb:
 
     @property
     def lower_rad(self) -> Array:
-        """(S,)"""
-        ends = zip(self.joints, self.senses, strict=False)
-        own = [joint.lower if sense > 0 else -joint.upper for joint, sense in ends]
+        """(S,) of what plans keep to."""
+        own = self._ends_rad[0]
+        own = own if self.branch_rad is None else np.maximum(own, self.branch_rad[0])
         return np.array([*own, *[-STILL_RAD] * self.still])
 
     @property
     def upper_rad(self) -> Array:
         """(S,)"""
-        ends = zip(self.joints, self.senses, strict=False)
-        own = [joint.upper if sense > 0 else -joint.lower for joint, sense in ends]
+        own = self._ends_rad[1]
+        own = own if self.branch_rad is None else np.minimum(own, self.branch_rad[1])
         return np.array([*own, *[STILL_RAD] * self.still])
+
+    @property
+    def middle_rad(self) -> Array:
+        """(S,) of the joints' whole ranges: the posture whose branch of inverse kinematics all programs take."""
+        return np.array([*self._ends_rad.mean(axis=0), *[0.0] * self.still])
+
+    @property
+    def _ends_rad(self) -> Array:
+        """(2, J)"""
+        ends = [(joint.lower, joint.upper) for joint in self.joints]
+        return np.array(
+            [end if sense > 0 else (-end[1], -end[0]) for end, sense in zip(ends, self.senses, strict=False)]
+        ).T
 
     @property
     def longest_m(self) -> float:

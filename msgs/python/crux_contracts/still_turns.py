@@ -53,7 +53,7 @@ def _in_the_middle(limb: Limb) -> tuple[Array, Array]:
     """(6, J) motion of the gripper, place over turn, for each joint, and its rotation (3, 3), in the body frame."""
     zero, turn, place = limb.at_zero, np.eye(3), np.zeros(3)  # of what was at the body's origin
     axes, points = [], []
-    for axis, point, angle in zip(zero.axes, zero.points_m, (limb.lower_rad + limb.upper_rad) / 2, strict=True):
+    for axis, point, angle in zip(zero.axes, zero.points_m, limb.middle_rad, strict=True):
         axes.append(turn @ axis)
         points.append(place + turn @ point)
         turn = turn @ about(axis, angle)

@@ -97,7 +97,7 @@ class ChainInverse:
     @cached_property
     def middle_rad(self) -> Array:
         """(S,) the posture whose branch it is."""
-        return (self.limb.lower_rad + self.limb.upper_rad) / 2
+        return self.limb.middle_rad
 
     @cached_property
     def _free_rad(self) -> tuple[Array, Array]:
@@ -134,7 +134,7 @@ class ChainInverse:
     @cached_property
     def _lattice(self) -> Array:
         """(x, y, z, yaw, S) angles of upright grippers; NaN where the branch has none nearby."""
-        name = "postures", self.limb.at_zero, self.limb.lower_rad, self.limb.upper_rad
+        name = "postures", self.limb.at_zero, self.middle_rad, self.limb.lower_rad, self.limb.upper_rad
         lattice: Array = kept.arrays(__file__, name, lambda: {"q": _spread(self._postures())})["q"]
         return lattice
 
@@ -302,7 +302,8 @@ _KNOWN: dict[bytes, ChainInverse] = {}
 def chain_inverse(limb: Limb) -> ChainInverse:
     """Once a process for limbs that are the same."""
     zero = limb.at_zero
-    parts = (zero.axes, zero.points_m, zero.gripper_m, zero.gripper_rotation, limb.lower_rad, limb.upper_rad)
+    limits = limb.middle_rad, limb.lower_rad, limb.upper_rad
+    parts = (zero.axes, zero.points_m, zero.gripper_m, zero.gripper_rotation, *limits)
     key = b"".join(part.tobytes() for part in parts)
     if key not in _KNOWN:
         _KNOWN[key] = ChainInverse(limb)

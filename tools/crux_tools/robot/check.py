@@ -29,7 +29,7 @@ def findings(robot: Described, friction: float, wall: Path | None = None) -> Ite
         return
     yield _kinematics(robot.model)
     yield _masses(robot)
-    yield _limits(robot.model)
+    yield _limits(robot, robot.model)
     if robot.sections["five_bar"].first_joint:
         yield _five_bar(robot)
     reaches = [limb_reach(robot.model.body, limb, robot.sections) for limb in robot.model.limbs]
@@ -89,7 +89,7 @@ def _masses(robot: Described) -> Finding:
     return Finding("masses", GOOD, found)
 
 
-def _limits(model: WholeRobot) -> Finding:
+def _limits(robot: Described, model: WholeRobot) -> Finding:
     free = [joint.name for limb in model.limbs for joint in limb.joints if not np.isfinite(joint.upper - joint.lower)]
     weak = [joint.name for limb in model.limbs for joint in limb.joints if not 0 < joint.effort < np.inf]
     joints = model.limbs[0].joints
@@ -101,7 +101,17 @@ def _limits(model: WholeRobot) -> Finding:
     if free or weak:
         missing = [f"no limits: {', '.join(free)}" * bool(free), f"no peak torque: {', '.join(weak)}" * bool(weak)]
         return Finding("limits", BAD, found, "; ".join(filter(None, missing)))
-    return Finding("limits", GOOD, found)
+    return Finding("limits", GOOD, found + _branch(robot))
+
+
+def _branch(robot: Described) -> str:
+    """Of the first limb: where plans keep to less than a joint's range."""
+    limb = None if robot.robot is None else robot.robot.limbs[0]
+    if limb is None or limb.branch_rad is None or not np.isfinite(limb.branch_rad).any():
+        return ""
+    ends = zip(limb.joint_names, limb.lower_rad, limb.upper_rad, limb.branch_rad.T, strict=False)
+    kept = ", ".join(f"{name} {low:.3g}..{high:.3g}" for name, low, high, own in ends if np.isfinite(own).any())
+    return f"; planned within {kept} rad, off the angle at which the limb is singular"
 
 
 def _five_bar(robot: Described) -> Finding:
