@@ -48,7 +48,7 @@ def test_robots_of_ones_own_go_by_their_names(tmp_path: Path, monkeypatch: pytes
     for place in ("one/mine", "other/mine", "other/scaler"):
         shutil.copytree(SCALER, tmp_path / place)
     monkeypatch.setenv("CRUX_ROBOTS", os.pathsep.join(str(tmp_path / name) for name in ("one", "none", "other")))
-    assert robot_names() == ["mine", "scaler", "scaler-makers"]
+    assert robot_names() == ["limbero", "mine", "scaler", "scaler-makers"]
     assert load_robot("mine").folder == tmp_path / "one" / "mine"
     assert load_robot("scaler").folder == tmp_path / "other" / "scaler"
     monkeypatch.delenv("CRUX_ROBOTS")
