@@ -12,7 +12,7 @@ from crux_planner.checker.inverse_kinematics import arm_of
 from crux_planner.checker.limb_model import Limb, WholeRobot
 
 from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, Finding
-from crux_tools.robot.described import Described
+from crux_tools.robot.described import Described, reasons
 from crux_tools.robot.loads import Load, least_load, peak_torques_Nm
 from crux_tools.robot.stance import CLEAR_M, LimbReach, Stance, closest, limb_reach, stance
 
@@ -54,7 +54,7 @@ def _first_wall(robot: Described, friction: float, path: Path) -> Finding:
 def _description(robot: Described) -> Finding:
     if not robot.problems:
         return Finding("description", GOOD, f"{robot.files.folder}: planner and runtime take it")
-    found = f"planner and runtime do not take it, for {len(robot.problems)} reasons"
+    found = f"planner and runtime do not take it, for {reasons(robot.problems)}"
     return Finding("description", BAD, found, "\n          ".join(robot.problems))
 
 

@@ -61,12 +61,13 @@ def _add_import(actions: Any) -> None:
 
 def _import(options: argparse.Namespace) -> int:
     from crux_tools.output import note, print_json
+    from crux_tools.robot.described import reasons
     from crux_tools.robot.imported import imported
 
     done = imported(options.urdf, options.mapping, options.output, options.xacro)
     for line in done.assumed:
         note(line)
-    taken = "take it" if not done.problems else f"do not take it, for {len(done.problems)} reasons"
+    taken = "take it" if not done.problems else f"do not take it, for {reasons(done.problems)}"
     note(f"{done.folder}: planner and runtime {taken}; next: crux robot check {done.folder}")
     if options.json:
         result = {"ok": True, "folder": str(done.folder), "assumed": done.assumed}

@@ -80,3 +80,8 @@ def _model(files: RobotFiles, root: ET.Element) -> WholeRobot:
 
 def _full(names: Sequence[str], limb: dict[str, Any]) -> tuple[str, ...]:
     return tuple(full_name(name, limb["prefix"]) for name in names)
+
+
+def reasons(problems: Sequence[str]) -> str:
+    """How many, in words."""
+    return f"{len(problems)} reason{'s' * (len(problems) != 1)}"

@@ -107,4 +107,4 @@ def travel_m(finger: Finger, sign: float) -> Interval:
     """How far the finger's frame is off the middle, along +x of the gripper for finger 1 and -x for finger 2."""
     sense = 1.0 if finger.axis[0] > 0 else -1.0
     ends = [sign * (finger.start_m[0] + sense * at) for at in (finger.joint.lower, finger.joint.upper)]
-    return round(min(ends), ROUND_M), round(max(ends), ROUND_M)
+    return round(min(ends), ROUND_M) + 0.0, round(max(ends), ROUND_M) + 0.0  # no -0

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from crux_contracts.records import keys_of
 from crux_contracts.robot import RobotError, load_robot, robot_files, robot_names
+from crux_contracts.robot_bounds import LEAST_JOINTS
 from crux_contracts.urdf import Urdf, parse_xml, read_urdf
 from crux_contracts.yaml_document import Plain, Problem, read_bytes, values
 from crux_msgs.robot_keys import SECTIONS
@@ -16,7 +17,7 @@ from crux_tools.errors import UsageError
 from crux_tools.robot.facts import Facts, JointFacts
 from crux_tools.robot.linkage import joint_facts, read_linkage
 from crux_tools.robot.mapping import Mapping, MappingError, read_mapping
-from crux_tools.robot.serial import NO_GRIPPER, Reader
+from crux_tools.robot.serial import NO_GRIPPER, TURNING, Reader
 from crux_tools.robot.written import Hand, robot_yaml, urdf_text
 from crux_tools.robot.xacro_file import arguments_of, expanded, is_xacro
 
@@ -45,17 +46,20 @@ def imported(urdf_path: Path, mapping_path: Path | None, folder: Path, xacro: Se
         text = expanded(urdf_path, text, arguments_of(xacro))
     root = parse_xml(text, str(urdf_path))
     urdf, found = read_urdf(root, str(urdf_path))
+    if mapping.like and mapping.like not in robot_names():
+        problems.append(Problem("like", mapping.like, f"expected one of {', '.join(robot_names())}"))
     if urdf is None:
-        raise MappingError(str(urdf_path), [each for each in found if not each.value.startswith(MESH)])
+        problems += [replace(each, file=str(urdf_path)) for each in found if not each.value.startswith(MESH)]
+        raise MappingError(mapping.path, problems)
+    reader = Reader(urdf, root, mapping, problems)
     if any(not getattr(mapping, key) for key in ("body_link", "limbs", "joints", "gripper", "fingers")):
+        if mapping.body_link:
+            reader.has_body()
         problems.append(_there(urdf, str(urdf_path)))
         raise MappingError(mapping.path, problems)
     own = {f"joint {mapping.of(name, limb)}" for name in mapping.joints for limb in mapping.limbs}
     mimics = [each for each in found if each.value == "mimic" and each.key in own]
     problems += [replace(each, file=str(urdf_path)) for each in mimics]
-    if mapping.like and mapping.like not in robot_names():
-        problems.append(Problem("like", mapping.like, f"expected one of {', '.join(robot_names())}"))
-    reader = Reader(urdf, root, mapping, problems)
     body, limbs = reader.whole()
     facts, numbers, linkage = Facts(mapping, problems), {}, read_linkage(reader, limbs)
     for limb in limbs:
@@ -85,7 +89,23 @@ def _there(urdf: Urdf, path: str) -> Problem:
     moving = [f"{joint.name} ({joint.kind})" for joint in urdf.joints.values() if joint.kind != "fixed"]
     slide = any(joint.kind == "prismatic" for joint in urdf.joints.values())
     lacks = "" if slide else f"; none slides: crux grips with two fingers that do, {NO_GRIPPER}"
+    if moving and (most := _most_in_a_row(urdf)) < LEAST_JOINTS:
+        lacks += f"; at most {most} turn one behind the other: a limb needs {LEAST_JOINTS} at least, add its wrist"
     return Problem("joints that move", ", ".join(moving) or "none", f"a mapping names those of limbs{lacks}", file=path)
+
+
+def _most_in_a_row(urdf: Urdf) -> int:
+    """Joints that turn between the root and any link."""
+    above = {joint.child: joint for joint in urdf.joints.values()}
+    most = 0
+    for link in urdf.links:
+        at, turning, seen = link, 0, set[str]()
+        while at in above and at not in seen:
+            seen.add(at)
+            turning += above[at].kind in TURNING
+            at = above[at].parent
+        most = max(most, turning)
+    return most
 
 
 def _plain(mapping: Mapping) -> dict[str, Plain]:

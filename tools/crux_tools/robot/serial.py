@@ -105,9 +105,7 @@ class Reader:
 
     def whole(self) -> tuple[Part, list[SerialLimb]]:
         """The body's part and the limbs that could be read."""
-        if self.mapping.body_link not in self.urdf.links:
-            known = ", ".join(sorted({joint.parent for joint in self.urdf.joints.values()} & set(self._roots())))
-            self.note("body_link", self.mapping.body_link, f"no such link in the URDF; its root is {known}")
+        if not self.has_body():
             return Part(), []
         body = Part()
         hanging: dict[str, Pose] = {}
@@ -120,6 +118,14 @@ class Reader:
                 if joint.kind != "fixed" and name not in self.used and name not in self.locked:
                     self.note(f"locked.{name}", joint.kind, "is missing: no joint of a limb or finger, locked at?")
         return body, limbs
+
+    def has_body(self) -> bool:
+        """Whether the URDF has the body's link; where it has not, that is noted."""
+        known = self.mapping.body_link in self.urdf.links
+        if not known:
+            roots = ", ".join(sorted({joint.parent for joint in self.urdf.joints.values()} & set(self._roots())))
+            self.note("body_link", self.mapping.body_link, f"no such link in the URDF; its root is {roots}")
+        return known
 
     def _roots(self) -> Iterator[str]:
         children = {joint.child for joint in self.urdf.joints.values()}
@@ -234,7 +240,7 @@ class Reader:
             joint, at = self.urdf.joints[name], hanging[name]
             axis = gripper.turn.T @ at.turn @ np.array(joint.axis)
             if np.hypot(axis[1], axis[2]) > SLIDES:
-                shown = " ".join(f"{v:.3g}" for v in axis)
+                shown = " ".join(f"{v:.3g}" for v in np.round(axis, 3) + 0.0)
                 self.note("gripper.rpy_rad", f"{name} slides along {shown}", "expected x, the opening axis")
             part = Part()
             for link, pose in self._group(joint.child, at, {}):
