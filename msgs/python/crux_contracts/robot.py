@@ -20,6 +20,7 @@ from .joint_loop_checks import joint_loop_problems
 from .motor_checks import motor_problems
 from .one_branch import on_one_branch
 from .places import MSGS
+from .robot_archive import is_archive, unpacked
 from .robot_bounds import JOINTS
 from .robot_meaning import robot_meaning
 from .robot_rules import Chain, RobotRules, have_closed_form
@@ -62,11 +63,16 @@ class RobotError(DocumentError):
 
 
 def robot_folders() -> dict[str, Path]:
-    """Robots that go by their name, and their folders: those that ship with crux, and those in the folders that the
-    environment variable CRUX_ROBOTS names, of which the first has the last word.
+    """Robots that go by their name, and their folders: those that ship with crux, and those in the folders, and the
+    archives of robots, that the environment variable CRUX_ROBOTS names, of which the first has the last word. Raises
+    DocumentError where an archive has no robot.
     """
     own = [Path(folder) for folder in os.environ.get("CRUX_ROBOTS", "").split(os.pathsep) if folder]
-    return {path.parent.name: path.parent for each in (ROBOTS, *reversed(own)) for path in each.glob("*/robot.yaml")}
+    found: dict[str, Path] = {}
+    for each in (ROBOTS, *reversed(own)):
+        folders = [unpacked(each)] if is_archive(each) else [path.parent for path in each.glob("*/robot.yaml")]
+        found |= {folder.name: folder for folder in folders}
+    return found
 
 
 def robot_names() -> list[str]:
@@ -92,10 +98,11 @@ class RobotFiles:
 
 
 def robot_files(name_or_folder: str | Path) -> RobotFiles:
-    """Of a robot by its name, or of any robot folder. Raises RobotError where robot.yaml is wrong."""
-    named = robot_folders() if isinstance(name_or_folder, str) else {}
-    folder = named.get(str(name_or_folder), Path(name_or_folder))
+    """Of a robot by its name, or of any robot's folder or archive. Raises RobotError where robot.yaml is wrong."""
     try:
+        named = robot_folders() if isinstance(name_or_folder, str) else {}
+        folder = named.get(str(name_or_folder), Path(name_or_folder))
+        folder = unpacked(folder) if is_archive(folder) else folder
         text = read_bytes(folder / "robot.yaml")
         root, keys = _keys(text, str(folder / "robot.yaml"))
         return RobotFiles(folder, text, root, keys, folder / keys.top["urdf"], read_bytes(folder / keys.top["urdf"]))
@@ -106,7 +113,7 @@ def robot_files(name_or_folder: str | Path) -> RobotFiles:
 
 
 def load_robot(name_or_folder: str | Path) -> Robot:
-    """Reads a robot by its name, or any robot folder. Raises RobotError with all that is wrong."""
+    """Reads a robot by its name, or any robot's folder or archive. Raises RobotError with all that is wrong."""
     try:
         return _load(robot_files(name_or_folder))
     except RobotError:

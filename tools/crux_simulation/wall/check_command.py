@@ -31,7 +31,7 @@ def add_check(actions: Any) -> None:
         ),
     )
     parser.add_argument("wall", type=Path, metavar="WALL", help="a scenario, which may lack start and goal")
-    parser.add_argument("--robot", metavar="R", help="name or folder of the robot (the scenario's)")
+    parser.add_argument("--robot", metavar="R", help="name, folder or archive of the robot (the scenario's)")
     parser.add_argument(
         "--time-limit",
         type=positive,

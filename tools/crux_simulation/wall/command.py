@@ -47,7 +47,7 @@ def add_import(actions: Any) -> None:
     )
     parser.add_argument("scan", type=Path, metavar="SCAN", help="a mesh, a cloud, a height map or a board's table")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="WALL.yaml", help="the new scenario")
-    parser.add_argument("--robot", default="scaler", metavar="R", help="name or folder of the robot (scaler)")
+    parser.add_argument("--robot", default="scaler", metavar="R", help="name, folder or archive of the robot (scaler)")
     parser.add_argument("--scale", type=positive, default=1.0, metavar="M", help="metres of the scan's unit (1)")
     parser.add_argument("--pitch", type=positive, metavar="M", help="between the columns of a height map [m]")
     vector = {"nargs": 3, "type": within(-math.inf, math.inf, "a finite number"), "metavar": ("X", "Y", "Z")}

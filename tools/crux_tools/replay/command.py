@@ -48,7 +48,7 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--robot",
-        metavar="NAME|FOLDER",
+        metavar="NAME|PATH",
         help="with --check: robot description to use (default: the one in the log)",
     )
     add_address(parser)

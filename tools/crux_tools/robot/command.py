@@ -91,7 +91,7 @@ def _add_check(actions: Any) -> None:
             "crux robot check mine --wall first-wall.yaml",
         ),
     )
-    parser.add_argument("robot", metavar="ROBOT", help="name of a robot, or a robot folder")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a robot, or its folder or archive")
     _add_friction(parser)
     parser.add_argument(
         "--wall", type=Path, metavar="FILE", help="fit a first wall to the robot, and write its scenario"
@@ -148,7 +148,7 @@ def _add_show(actions: Any) -> None:
             "crux robot show scaler -o out/robot.png",
         ),
     )
-    parser.add_argument("robot", metavar="ROBOT", help="name of a robot, or a robot folder")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a robot, or its folder or archive")
     parser.add_argument(
         "--slope",
         type=within(0.0, 180.0, "0 to 180 degrees"),

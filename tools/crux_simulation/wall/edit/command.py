@@ -31,7 +31,7 @@ def add_edit(actions: Any) -> None:
     parser.add_argument("wall", type=Path, metavar="WALL.yaml", help="a scenario, or a new file")
     slope = within(0.0, MAX_SLOPE_DEG, f"0 to {MAX_SLOPE_DEG:g} degrees")
     parser.add_argument("--slope", type=slope, metavar="DEG", help=f"of a new wall ({SLOPE_DEG:g})")
-    parser.add_argument("--robot", metavar="R", help=f"of a new wall: name or folder of the robot ({ROBOT})")
+    parser.add_argument("--robot", metavar="R", help=f"of a new wall: name, folder or archive of the robot ({ROBOT})")
     add_address(parser)
     parser.set_defaults(action=_edit)
 
