@@ -34,4 +34,4 @@ def test_the_check_says_where_plans_keep_its_elbows(capsys: pytest.CaptureFixtur
     cli.main(["robot", "check", "limbero", "--json"])
     checks = {check["topic"]: check for check in json.loads(capsys.readouterr().out)["checks"]}
     assert "-0.4..2.95" in checks["limits"]["found"]
-    assert "planned within LF_F2T 0.25..2.95 rad" in checks["limits"]["found"]
+    assert "planned within LF_F2T 0.265..2.95 rad" in checks["limits"]["found"]

@@ -2,7 +2,8 @@
 
 Where a joint makes the limb singular whatever the others do, such as an elbow that is straight, two solutions meet, and
 reach ends there though no joint is at a limit. Plans keep off such an angle, on the side of the middle of the range.
-The checker, the runtime and the simulation have the whole range.
+The checker, the runtime and the simulation have the whole range. Where joints turn against each other with the gripper
+at rest, as those of a wrist with two axes in a line, reach does not end.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ import numpy as np
 from .robot_bounds import JOINTS
 from .robot_types import Array, AtZero, Limb
 
-OFF_RAD = 0.25  # that plans keep off it: there a joint turns four times as fast as it need, for 3 % more reach
+BAND = 3.5e-3  # [m] or [rad] of reach that plans leave, so that they meet the joint's limit before reach ends
 _POSTURES, _STEPS, _HALVINGS = 8, 60, 40  # of the other joints, of a joint's range, and of a step
 _SAME_RAD = 1e-6  # between the angles at which a limb is singular in each of the postures
 _NOTHING = 1e-6  # a singular value
+_STEP_RAD, _LEAST_BENT = 1e-3, 1e-3  # of joints about a singular posture, and [m/rad2] that a gripper comes back there
 
 
 def on_one_branch(limb: Limb) -> Limb:
@@ -28,16 +30,18 @@ def on_one_branch(limb: Limb) -> Limb:
     postures[:, own:] = 0.0
     branch = np.tile([[-np.inf], [np.inf]], own)
     for joint in range(1, own):  # the first turns all of the limb
-        for angle in _singular_at(limb, postures, joint, ends[:, joint]):
+        for angle, off_rad in _singular_at(limb, postures, joint, ends[:, joint]):
             side = int(angle > middle[joint])
-            off = angle + (-OFF_RAD if side else OFF_RAD)
+            off = angle + (-off_rad if side else off_rad)
             if ends[0, joint] < off < ends[1, joint]:
                 branch[side, joint] = (min if side else max)(branch[side, joint], off)
     return replace(limb, branch_rad=branch)
 
 
-def _singular_at(limb: Limb, postures: Array, joint: int, ends: Array) -> list[float]:
-    """Angles of a joint within its limits (2,) at which the limb is singular in all postures (n, S)."""
+def _singular_at(limb: Limb, postures: Array, joint: int, ends: Array) -> list[tuple[float, float]]:
+    """Angles of a joint within its limits (2,) at which reach ends in all postures (n, S), and how far plans keep off
+    them.
+    """
     zero, rule = limb.at_zero, np.linalg.svd(_jacobians(limb.at_zero, limb.middle_rad[None])[0])[2][JOINTS:]
 
     def sign_at(q_rad: Array) -> Array:
@@ -60,10 +64,27 @@ def _singular_at(limb: Limb, postures: Array, joint: int, ends: Array) -> list[f
             low, high = np.where(before, middle, low), np.where(before, high, middle)
         here = np.array(postures)
         here[:, joint] = low
-        least = np.linalg.svd(_jacobians(zero, here)[..., : len(limb.joints)], compute_uv=False).min(axis=1)
-        if np.ptp(low) < _SAME_RAD and least.max() < _NOTHING:  # of its own joints, not of turns that it lacks
-            found.append(float(low.mean()))
+        off_rad = [_kept_off_rad(limb, each, joint) for each in here]
+        if np.ptp(low) < _SAME_RAD and min(off_rad) > 0.0:
+            found.append((float(low.mean()), min(off_rad)))
     return found
+
+
+def _kept_off_rad(limb: Limb, q_rad: Array, joint: int) -> float:
+    """How far a joint is off singular angles (S,) where the gripper has come back by BAND; 0 where the limb's own
+    joints are not singular, or turn on with the gripper at rest.
+    """
+    own = len(limb.joints)
+    ways, sizes, turns = np.linalg.svd(_jacobians(limb.at_zero, q_rad[None])[0, :, :own])
+    rank = int((sizes > _NOTHING).sum())
+    turn = np.zeros(len(q_rad))
+    turn[:own] = turns[rank:].T @ turns[rank:, joint]  # with the gripper at rest to first order, most of the joint
+    if rank == min(own, JOINTS) or not turn.any():
+        return 0.0
+    turn /= np.linalg.norm(turn)
+    there, back = _jacobians(limb.at_zero, q_rad + _STEP_RAD * np.array([turn, -turn]))
+    bent = float(np.linalg.norm(ways[:, rank:].T @ (there - back) @ turn)) / (2 * _STEP_RAD)
+    return abs(turn[joint]) * float(np.sqrt(2 * BAND / bent)) if bent > _LEAST_BENT else 0.0
 
 
 def _jacobians(zero: AtZero, q_rad: Array) -> Array:
