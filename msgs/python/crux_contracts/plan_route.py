@@ -41,7 +41,7 @@ def read_route(folder: Path) -> Iterator[tuple[Path, plan_t]]:
 
 def misfit(before: plan_t, part: plan_t) -> str:
     """Why a plan cannot begin in the stance in which another one ends; empty where it can."""
-    for name in ("robot_sha256", "patch_k_m", "max_normal_n"):
+    for name in ("format", "robot_sha256", "patch_k_m", "max_normal_n"):
         old, new = getattr(before, name), getattr(part, name)
         if old != new:
             return f"{name} is {new}, expected {old}"

@@ -83,6 +83,7 @@ def plan_route(
     if (held := following.next()) is None:
         raise following.failure
     yield held.result  # the robot may begin, so it does end there
+    route.format = held.result.plan.format
     given = True
     while not held.last:
         nexts = _Parts(route, *route.end_of(held.result), 1.0, tried)
@@ -144,8 +145,12 @@ class _Parts:
         self._found = self._find()
 
     def next(self) -> _Part | None:
-        """The next one that ends in a stance from which the route can go on."""
-        return next((part for part in self._found if part.last or self._route.goes_on(part.result)), None)
+        """The next one that the runtime joins to the others, and that ends in a stance from which the route can go
+        on.
+        """
+        route = self._route
+        joined = (part for part in self._found if route.format in (None, part.result.plan.format))
+        return next((part for part in joined if part.last or route.goes_on(part.result)), None)
 
     @property
     def failure(self) -> InfeasibleError:
@@ -153,7 +158,9 @@ class _Parts:
         x, y, _ = self._start.position_m
         where = f"from the body at ({x:.2f}, {y:.2f}) m"
         if self._none is None:
-            return InfeasibleError("route", f"no part {where} ends in a stance from which the next one can begin")
+            return InfeasibleError(
+                "route", f"no part {where} has the format of those before and ends where one can begin"
+            )
         return InfeasibleError(self._none.constraint, f"no part of the route {where}: {self._none}")
 
     def _find(self) -> Iterator[_Part]:
@@ -182,6 +189,7 @@ class _Route:
         self.document = scenario_document(scenario.yaml_text, scenario.path)
         self.start = _Place(np.array(scenario.start.body.position_m), np.array(scenario.start.body.rpy_deg))
         self.goal = _Place(np.array(scenario.goal.body.position_m), np.array(scenario.goal.body.rpy_deg))
+        self.format: int | None = None  # of the plans: which one the first part shows
         self._reach_m = reach_m(robot)
         self._places = np.array([each.position_m for each in scenario.cuboids]).reshape(-1, 2)
         self._extent_m = np.array([_extent_m(each) for each in scenario.cuboids])

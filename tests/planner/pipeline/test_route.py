@@ -92,6 +92,26 @@ def test_a_gripper_off_the_middle_of_its_face_is_no_start_of_a_part(
     assert not route.goes_on(off)
 
 
+def test_a_part_of_another_format_is_none_of_the_route(
+    parts: list[PlanResult], whole: Scenario, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The runtime would refuse it, and the robot stop there."""
+    found = iter([parts[0], *[of_format(parts[1], plan_t.FORMAT_OWN_TIMES)] * len(route_module.GOALS)])
+    monkeypatch.setattr(route_module.Planner, "plan", lambda _self, **_options: next(found))
+    monkeypatch.setattr(route_module, "GOALS", route_module.GOALS[:2])
+    monkeypatch.setattr(route_module, "THOROUGH", 0)
+    route = plan_route(whole, robot)
+    assert next(route) is parts[0]
+    with pytest.raises(InfeasibleError, match="has the format of those before"):
+        next(route)
+
+
+def of_format(result: PlanResult, plan_format: int) -> PlanResult:
+    other = plan_t.decode(result.plan.encode())
+    other.format = plan_format
+    return replace(result, plan=other)
+
+
 def test_where_the_holds_end_the_parts_before_are_there(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(route_module, "GOALS", route_module.GOALS[:2])
     monkeypatch.setattr(route_module, "THOROUGH", 0)
@@ -131,7 +151,7 @@ def test_a_folder_of_parts_is_read_in_order(parts: list[PlanResult], tmp_path: P
     assert [path.name for path, _ in read_route(tmp_path)] == ["00000.mcap", "00001.mcap"]
 
 
-@pytest.mark.parametrize("what", ["body", "gripper", "phase", "gravity", "robot"])
+@pytest.mark.parametrize("what", ["body", "gripper", "phase", "gravity", "format", "robot"])
 def test_parts_that_do_not_join_are_refused(what: str, parts: list[PlanResult], tmp_path: Path) -> None:
     off = plan_t.decode(parts[1].plan.encode())
     knot = off.knots[0]
@@ -144,6 +164,8 @@ def test_parts_that_do_not_join_are_refused(what: str, parts: list[PlanResult], 
         knot.limbs[1].phase = knot.limbs[1].AIR
     elif what == "gravity":
         off.gravity_w_m_s2 = [0.0, 0.0, -9.81]
+    elif what == "format":
+        off.format = plan_t.FORMAT_OWN_TIMES
     else:
         off.robot_sha256 = "0" * 64
     write(tmp_path, [parts[0].plan, off])
