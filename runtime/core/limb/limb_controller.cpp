@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "core/limb/yielding_part.hpp"
 #include "core/robot/gravity.hpp"
@@ -53,13 +54,14 @@ LimbController::LimbController(const RobotDescription& robot, int limb)
 void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
   encoders_.begin_cycle();
   const JointVector command_rad = transmission_.actuators_rad(command_q_rad_);
+  const double since_last_s = in.dt_s + std::exchange(late_s_, in.late_s);  // reading, at most
   for (int j = 0; j < kJoints; ++j) {
     const int i = limb_ * kJoints + j;
     if (in.joint_fresh[i] == 0 || !std::isfinite(in.joint_position_rad[i]) || !std::isfinite(in.joint_torque_nm[i])) {
-      encoders_.skip(j, in.dt_s);
+      encoders_.skip(j, since_last_s);
       continue;
     }
-    actuators_rad_[j] = encoders_.look(j, in.joint_position_rad[i], command_rad[j], in.dt_s);
+    actuators_rad_[j] = encoders_.look(j, in.joint_position_rad[i], command_rad[j], since_last_s);
     actuators_Nm_[j] = in.joint_torque_nm[i];
     // A node that has restarted has lost its feed-forward.
     if (in.joint_state[i] == static_cast<int>(NodeState::kBoot)) command_torque_Nm_[j] = 0.0;

@@ -227,6 +227,7 @@ class LimbController {
   Pose aim_W_;               ///< body pose the limb aims from
   bool in_contact_ = false;  ///< aims from the commanded body pose
   bool pulled_ = false;      ///< does so too, though the plan does not count it as in contact yet
+  double late_s_ = 0.0;      ///< by which the cycle before began late, and asked the nodes for their readings
   bool found_ = false;
   bool to_touch_ = false;  ///< not found before the fingers press
   Pose goal_B_;            ///< of the gripper, by the last command that moved

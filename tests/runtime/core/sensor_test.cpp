@@ -48,6 +48,19 @@ TEST_F(Sensors, AJointAsQuickAsItMayBeIsNoJump) {
   EXPECT_EQ(until_fault([&](crux_msgs::control_input_t& in) { in.joint_position_rad[15] += most_rad; }, 3), 4);
 }
 
+TEST_F(Sensors, AJointThatWasAskedLateHasTurnedFurther) {
+  const double late_s = 0.9 * robot().supervisor.max_late_s;
+  const double most_rad = robot().limbs[2].joints[1].velocity_rad_s * (run_.plant.input().dt_s + late_s);
+  run_.plant.input().late_s = late_s;
+  ASSERT_FALSE(run_.step().has_fault);
+  run_.plant.input().late_s = 0.0;
+  run_.plant.input().joint_position_rad[15] += most_rad;
+  EXPECT_FALSE(run_.step().has_fault) << run_.result.fault.code;
+  run_.plant.input().joint_position_rad[15] += most_rad;
+  EXPECT_TRUE(run_.step().has_fault);
+  expect_fault(FaultCode::kEncoderJumped, 2, 2);
+}
+
 TEST_F(Sensors, AnEncoderThatFreezesInASwingIsNamed) {
   run_.steps(kIntoSwing);
   const double frozen_rad = run_.plant.input().joint_position_rad[1];
