@@ -19,6 +19,9 @@ Wrench turned(const Wrench& wrench, const Matrix3& rotation) {
 constexpr double kAstray_m = 0.04, kClear_m = 0.03;
 // Share of a joint's effort by which its gear may stick: a motor's torque within that of what is expected says nothing.
 constexpr double kSticks = 0.125;
+// Of the torque and force that show that something is in a gripper's way: so much is left where it still is. Joints
+// that give way bear now more, now less.
+constexpr double kStaysBlocked = 0.5;
 constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
 
 /// The gripper still grips: it aims from the commanded body pose, and where it grips is remembered. A foot has found
@@ -168,11 +171,13 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
   if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
   const bool unloaded = trusts_force_torque_ ? wrench_W().force_N.norm() < control_.unload_force_N
                                              : borne_Nm_.norm() < supervisor_.max_ft_residual_Nm;
+  const bool on_its_way = reference.passing() || reference.phase == LimbPhase::kDescend;
+  blocked_ = on_its_way && caught(blocked_ ? kStaysBlocked : 1.0);
   return {.unloaded = unloaded,
           .opened = fingers_.opened(reference),
           .arrived = fingers_.opened(reference) && distance_m <= supervisor_.arrive_tolerance_m,
           .gripped = fingers_.gripped(reference, dt_s),
-          .blocked = (reference.passing() || reference.phase == LimbPhase::kDescend) && caught()};
+          .blocked = blocked_};
 }
 
 Pose LimbController::target_W(const LimbReference& reference) const noexcept {

@@ -134,8 +134,11 @@ class LimbController {
   /// Its joints bear what gravity does not explain: in the air it runs against something.
   bool runs_against() const { return borne_Nm_.norm() >= supervisor_.max_ft_residual_Nm; }
   const Wrench& tare_G() const { return wrench_.bias_G(); }
-  /// In the air, something holds it.
-  bool caught() const { return runs_against() && wrench_W().force_N.norm() >= control_.unload_force_N; }
+  /// In the air, something holds it: by this share of the torque and force that show it.
+  bool caught(double share = 1.0) const {
+    return borne_Nm_.norm() >= share * supervisor_.max_ft_residual_Nm &&
+           wrench_W().force_N.norm() >= share * control_.unload_force_N;
+  }
   bool force_torque_tared() const { return wrench_.tared(); }
   Fingers& fingers() { return fingers_; }
   const Fingers& fingers() const { return fingers_; }
@@ -228,6 +231,7 @@ class LimbController {
   bool in_contact_ = false;  ///< aims from the commanded body pose
   bool pulled_ = false;      ///< does so too, though the plan does not count it as in contact yet
   double late_s_ = 0.0;      ///< by which the cycle before began late, and asked the nodes for their readings
+  bool blocked_ = false;     ///< something is in its way, and has not let it go since
   bool found_ = false;
   bool to_touch_ = false;  ///< not found before the fingers press
   Pose goal_B_;            ///< of the gripper, by the last command that moved

@@ -10,6 +10,7 @@ using crux_msgs::command_t;
 
 constexpr double kFinger_m = 0.052;  // from the gripper's centre to where a finger's tip stands
 constexpr double kPush_N = 12.0;     // the other limbs of this plant do not feel it: below max_unbalanced_N
+constexpr int kGives = 50;           // cycles after which what is stood on gives way, or bears again
 constexpr double kCount_rad = 2e-5;  // of an encoder: one that says the very same is frozen
 
 TEST(HoldSearch, TellsWhereAlongTheFingersItIsPressed) {
@@ -47,8 +48,8 @@ class MovedHold : public testing::TestWithParam<double> {
   int phase() const { return run_.result.reference[0].phase; }
   bool closes() const { return phase() == static_cast<int>(LimbPhase::kClose); }
 
-  /// It stands `at_m` from its middle, until it has gone `over_m` to that side.
-  void climb(double side, double over_m, double at_m = kFinger_m) {
+  /// It stands `at_m` from its middle, until it has gone `over_m` to that side; by turns it is pushed by that share.
+  void climb(double side, double over_m, double at_m = kFinger_m, double share = 1.0) {
     std::array<double, kJoints> stood{};
     for (int i = 0; i < 12000 && !closes() && !run_.result.has_fault; ++i) {
       run_.step();
@@ -63,8 +64,10 @@ class MovedHold : public testing::TestWithParam<double> {
         continue;
       }
       for (int j = 0; j < kJoints; ++j) in.joint_position_rad[j] = stood[j] + (i % 2) * kCount_rad;
+      if (!stood_) began_s_ = run_.result.state.plan_time_s;
       stood_ = true;
-      run_.plant.press(0, run_.result, at_m * axis, {0.0, 0.0, kPush_N});
+      stood_till_s_ = run_.result.state.plan_time_s;
+      run_.plant.press(0, run_.result, at_m * axis, {0.0, 0.0, i / kGives % 2 == 0 ? kPush_N : share * kPush_N});
     }
   }
 
@@ -79,7 +82,8 @@ class MovedHold : public testing::TestWithParam<double> {
   LimbKinematics kinematics_{robot().limbs[0]};
   LimbState state_;
   bool stood_ = false;
-  double highest_m_ = 0.0;  ///< since then
+  double began_s_ = 0.0, stood_till_s_ = 0.0;  ///< of the plan
+  double highest_m_ = 0.0;                     ///< since then
 };
 
 TEST_P(MovedHold, IsFoundOnTheSideOfTheFingerThatStandsOnIt) {
@@ -87,6 +91,12 @@ TEST_P(MovedHold, IsFoundOnTheSideOfTheFingerThatStandsOnIt) {
   EXPECT_FALSE(run_.result.has_fault) << run_.result.fault.code;
   EXPECT_TRUE(closes());
   EXPECT_GT(highest_m_, kStands_m + 0.5 * HoldSearch::kClear_m);
+}
+
+TEST_P(MovedHold, IsPressedNoFurtherByTheClockWhereTheLimbGivesWay) {
+  climb(GetParam(), 0.01, kFinger_m, 0.45);
+  EXPECT_TRUE(closes());
+  EXPECT_LT(stood_till_s_ - began_s_, 0.2);
 }
 
 TEST_P(MovedHold, ThatIsTooFarIsTold) {
