@@ -23,7 +23,9 @@ _STEP_RAD, _LEAST_BENT = 1e-3, 1e-3  # of joints about a singular posture, and [
 
 
 def on_one_branch(limb: Limb) -> Limb:
-    """The limb with `branch_rad`."""
+    """The limb with `branch_rad`; as it is where limits are swapped, which others tell."""
+    if (limb.lower_rad > limb.upper_rad).any():
+        return limb
     own, middle = len(limb.joints), limb.middle_rad
     ends = np.array([limb.lower_rad, limb.upper_rad])
     postures = np.random.default_rng(0).uniform(ends[0], ends[1], (_POSTURES, len(middle)))

@@ -77,7 +77,8 @@ def check_clear(scenario: Scenario, problem: Problem, robot: Robot) -> None:
         gaps = {"the trunk": min(float(separation(t, box, pose)[1][0]) for t in reaches_of(robot)[0].keep_off.trunk)}
         for limb, reach in enumerate(reaches_of(robot)):
             place = (turn.T @ (hands[limb, :3] - start.position_m))[None]
-            links = reach.links(GripperPoses.of(place, (turn.T @ rotations(hands[limb]))[None]))
+            yaw = hands[limb, 3] - start.rpy_rad[2]
+            links = reach.links(GripperPoses.of(place, (turn.T @ rotations(hands[limb]))[None], yaw))
             ends = (start.position_m + end[0, ~links.hand] @ turn.T for end in (links.start_m, links.end_m))
             gaps[f"a link of {LIMB_NAMES[limb]}"] = float((gap_m((box,), *ends) - links.radius_m[~links.hand]).min())
         what = min(gaps, key=lambda each: gaps[each])

@@ -134,7 +134,8 @@ def _seen(path: Array, hands: Array) -> list[GripperPoses]:
     """The grippers as the body has them, limb by limb."""
     turn, hand = np.swapaxes(rotation_from_rpy(path[:, 3:6]), 1, 2), rotations(hands)
     places = [(turn @ (hands[:, limb, :3] - path[:, :3])[..., None])[..., 0] for limb in range(hands.shape[1])]
-    return [GripperPoses.of(place, turn @ hand[:, limb]) for limb, place in enumerate(places)]
+    yaws = hands[:, :, 3] - path[:, 5:6]
+    return [GripperPoses.of(place, turn @ hand[:, limb], yaws[:, limb]) for limb, place in enumerate(places)]
 
 
 _Row = tuple[Array, int, int, Array]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from crux_contracts.plan_file import write_plan
+from crux_contracts.robot import robot_names
 from crux_planner.checker import cli
 from crux_planner.checker.report import PeakTorque
 
@@ -100,4 +101,4 @@ def test_a_plan_for_an_unknown_robot(tmp_path: Path, capsys: pytest.CaptureFixtu
     path = tmp_path / "plan.mcap"
     write_plan(path, plan)
     assert crux_check(str(path)) == 2
-    assert "expected one of scaler" in capsys.readouterr().err
+    assert f"expected one of {', '.join(robot_names())}" in capsys.readouterr().err

@@ -97,7 +97,7 @@ def test_torques_and_their_derivatives_are_those_of_the_closed_form(robot: Robot
 def test_the_map_of_reach_is_that_of_the_closed_form(robot: Robot) -> None:
     part = robot.limbs[1]
     place, turn = grippers(part, 4000, 2)
-    poses = GripperPoses.of(place, turn)
+    poses = GripperPoses.of(place, turn, np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
     closed = ArmReach(part, keep_off=solids(robot, part, around=True))
     limb = numeric(robot).limbs[1]
     chained = ChainReach(limb, MARGIN_RAD, closed.clear_m, solids(robot, limb, around=True))
