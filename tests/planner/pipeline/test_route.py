@@ -21,6 +21,7 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.pipeline import route as route_module
 from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.replan import Planner
 from crux_planner.pipeline.route import TOLERANCE_M, plan_route, reach_m
 from walls import hold, ladder, scenario, text
 
@@ -97,7 +98,7 @@ def test_a_part_of_another_format_is_none_of_the_route(
 ) -> None:
     """The runtime would refuse it, and the robot stop there."""
     found = iter([parts[0], *[of_format(parts[1], plan_t.FORMAT_OWN_TIMES)] * len(route_module.GOALS)])
-    monkeypatch.setattr(route_module.Planner, "plan", lambda _self, **_options: next(found))
+    monkeypatch.setattr(Planner, "plan", lambda _self, **_options: next(found))
     monkeypatch.setattr(route_module, "GOALS", route_module.GOALS[:2])
     monkeypatch.setattr(route_module, "THOROUGH", 0)
     route = plan_route(whole, robot)
