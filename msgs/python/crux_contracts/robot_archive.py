@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import lzma
 import re
 import tarfile
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -17,6 +19,11 @@ ENDINGS = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.xz")
 MOST_FILES, MOST_BYTES = 1000, 256 * 1024 * 1024  # of a robot with its meshes
 _KEPT: dict[tuple[str, int, int], tuple[tempfile.TemporaryDirectory[str], Path]] = {}
 
+_UNREADABLE = (
+    *(OSError, EOFError, ValueError),
+    RuntimeError,  # encrypted, or compressed in a way that zipfile does not know
+    *(zipfile.BadZipFile, tarfile.TarError, zlib.error, lzma.LZMAError),
+)
 _Entry = tuple[str, int, Callable[[], bytes]]
 """Of a file: its name, how many bytes it has, and what reads them."""
 
@@ -36,10 +43,8 @@ def unpacked(archive: Path) -> Path:
         try:
             with _entries(archive) as entries:
                 _KEPT[key] = _written(archive, entries)
-        except (OSError, EOFError, ValueError, RuntimeError, NotImplementedError) as error:
+        except _UNREADABLE as error:
             raise _refused(archive, "", f"cannot be read: {error}") from error
-        except (tarfile.TarError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
-            raise _refused(archive, "", f"is no archive that can be read: {error}") from error
     return _KEPT[key][1]
 
 
