@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from .limb_motion import motion
 from .robot_bounds import JOINTS
-from .robot_types import Array, AtZero, Limb
+from .robot_types import Array, Limb
 
 BAND = 3.5e-3  # [m] or [rad] of reach that plans leave, so that they meet the joint's limit before reach ends
 _POSTURES, _STEPS, _HALVINGS = 8, 60, 40  # of the other joints, of a joint's range, and of a step
@@ -44,10 +45,10 @@ def _singular_at(limb: Limb, postures: Array, joint: int, ends: Array) -> list[t
     """Angles of a joint within its limits (2,) at which reach ends in all postures (n, S), and how far plans keep off
     them.
     """
-    zero, rule = limb.at_zero, np.linalg.svd(_jacobians(limb.at_zero, limb.middle_rad[None])[0])[2][JOINTS:]
+    zero, rule = limb.at_zero, np.linalg.svd(motion(limb.at_zero, limb.middle_rad[None])[0][0])[2][JOINTS:]
 
     def sign_at(q_rad: Array) -> Array:
-        jacobians = _jacobians(zero, q_rad)
+        jacobians, _ = motion(zero, q_rad)
         rules = np.broadcast_to(rule, (len(jacobians), *rule.shape))
         return np.asarray(np.sign(np.linalg.det(np.concatenate([jacobians, rules], axis=1))))
 
@@ -77,33 +78,13 @@ def _kept_off_rad(limb: Limb, q_rad: Array, joint: int) -> float:
     joints are not singular, or turn on with the gripper at rest.
     """
     own = len(limb.joints)
-    ways, sizes, turns = np.linalg.svd(_jacobians(limb.at_zero, q_rad[None])[0, :, :own])
+    ways, sizes, turns = np.linalg.svd(motion(limb.at_zero, q_rad[None])[0][0, :, :own])
     rank = int((sizes > _NOTHING).sum())
     turn = np.zeros(len(q_rad))
     turn[:own] = turns[rank:].T @ turns[rank:, joint]  # with the gripper at rest to first order, most of the joint
     if rank == min(own, JOINTS) or not turn.any():
         return 0.0
     turn /= np.linalg.norm(turn)
-    there, back = _jacobians(limb.at_zero, q_rad + _STEP_RAD * np.array([turn, -turn]))
+    there, back = motion(limb.at_zero, q_rad + _STEP_RAD * np.array([turn, -turn]))[0]
     bent = float(np.linalg.norm(ways[:, rank:].T @ (there - back) @ turn)) / (2 * _STEP_RAD)
     return abs(turn[joint]) * float(np.sqrt(2 * BAND / bent)) if bent > _LEAST_BENT else 0.0
-
-
-def _jacobians(zero: AtZero, q_rad: Array) -> Array:
-    """(n, 6, S) what joints (n, S) move the gripper by, place over turn."""
-    turn, place = np.broadcast_to(np.eye(3), (len(q_rad), 3, 3)), np.zeros((len(q_rad), 3))
-    axes, points = [], []
-    for axis, point, angle in zip(zero.axes, zero.points_m, q_rad.T, strict=True):
-        axes.append(turn @ axis)
-        points.append(place + turn @ point)
-        turn = turn @ _about(axis, angle[:, None, None])
-        place = points[-1] - turn @ point
-    arms = place + turn @ zero.gripper_m - np.array(points)
-    columns = np.concatenate([np.cross(axes, arms), np.array(axes)], axis=2)
-    return columns.transpose(1, 2, 0)
-
-
-def _about(axis: Array, angle_rad: Array) -> Array:
-    """Rotations (n, 3, 3) about one axis, of angles (n, 1, 1)."""
-    skew = np.cross(axis, np.eye(3)).T
-    return np.asarray(np.eye(3) + np.sin(angle_rad) * skew + (1.0 - np.cos(angle_rad)) * (skew @ skew))

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from .limb_motion import motion
 from .robot_bounds import JOINTS, LEAST_PLACED_M3
-from .robot_types import Array, AtZero, Limb
-from .urdf import about
+from .robot_types import AtZero, Limb
 
 CANNOT_PLACE = "expected joints that move the gripper in all three directions from the middle of their ranges"
 
@@ -27,7 +27,7 @@ def completed(limb: Limb, slots: int) -> Limb | None:
     zero, missing = limb.at_zero, max(JOINTS - len(limb.joints), 0)
     best: tuple[int, ...] = ()
     if missing:
-        columns, turn = _in_the_middle(limb)
+        (columns,), (turn,) = motion(zero, limb.middle_rad[None])
         own = np.vstack([np.zeros((3, 3)), turn])
         sizes = {
             each: abs(float(np.linalg.det(np.hstack([columns, own[:, list(each)]]))))
@@ -47,16 +47,3 @@ def completed(limb: Limb, slots: int) -> Limb | None:
         zero.gripper_rotation,
     )
     return replace(limb, at_zero=whole, senses=np.ones(slots))
-
-
-def _in_the_middle(limb: Limb) -> tuple[Array, Array]:
-    """(6, J) motion of the gripper, place over turn, for each joint, and its rotation (3, 3), in the body frame."""
-    zero, turn, place = limb.at_zero, np.eye(3), np.zeros(3)  # of what was at the body's origin
-    axes, points = [], []
-    for axis, point, angle in zip(zero.axes, zero.points_m, limb.middle_rad, strict=True):
-        axes.append(turn @ axis)
-        points.append(place + turn @ point)
-        turn = turn @ about(axis, angle)
-        place = points[-1] - turn @ point
-    arms = place + turn @ zero.gripper_m - np.array(points)
-    return np.vstack([np.cross(axes, arms).T, np.array(axes).T]), turn @ zero.gripper_rotation
