@@ -91,7 +91,8 @@ def solve_by_joints(
             report = check_plan(message, session.robot) if report.ok else report
         if report.ok:
             result = PlanResult.of(message, report, solution, schedule.gait, work)
-            result.nominal_cost = nominal_cost(session, problem, schedule, solution, (functions, PLAN_RAD))
+            loose = functions.within(JointLimits.about(solution.body, PLAN_RAD))
+            result.nominal_cost = nominal_cost(session, problem, schedule, solution, loose)
             return result
         refused = _worst(report, problem.dt_s)
         work.log(f"{refused_by(report)}; once more with less of those joints or of their reach")

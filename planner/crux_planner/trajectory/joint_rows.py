@@ -213,7 +213,7 @@ class JointFunctions(StageFunctions):
         return low, high
 
     def _less_stretched(self, schedule: Schedule, high: Array) -> None:
-        """Elbows off straight by `STRETCH_M` where holds are as they may be, or as far as they are on the path."""
+        """Elbows off straight by `STRETCH_M` and by as far as holds may be off, or as far as they are on the path."""
         off_m = STRETCH_M + self.problem.unsure_m
         grippers = self.grippers(schedule)
         path = self.reach_at(self.limits.path[1:], grippers, np.zeros(high.shape))[0]
