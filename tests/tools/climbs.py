@@ -12,7 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from crux_contracts.plan_file import write_plan
+from crux_contracts.robot import Robot
 from crux_msgs import plan_t
+from crux_planner.pipeline.message import PlanResult
+from crux_simulation.sim.climb import ClimbOptions, climb
 from crux_tools.cli import main
 from mcap.reader import make_reader
 
@@ -37,6 +40,16 @@ def climb_here(plan: Path, log: Path, *options: str) -> tuple[int, dict[str, Any
     with contextlib.redirect_stdout(told):
         status = main(["climb", str(plan), "-o", str(log), "--json", *options])
     return status, json.loads(told.getvalue())
+
+
+def climbs_and_replays(found: PlanResult, robot: Robot, log: Path) -> None:
+    """The plan is right, takes the robot to its goal without a slip, and its log is computed again bit for bit."""
+    assert found.check.violations == []
+    result = climb(found.plan, robot, log, ClimbOptions())
+    assert result.ok, result.reason
+    assert result.verdict.slips == 0
+    assert result.verdict.goal_error_m < 0.02
+    assert main(["replay", str(log), "--check", "--no-view"]) == 0
 
 
 def saved(folder: Path, plan: plan_t) -> Path:

@@ -8,9 +8,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from climbs import climbs_and_replays
 from crux_contracts.robot import Robot, load_robot
 from crux_contracts.scenario import parse_scenario
-from crux_simulation.sim.climb import ClimbOptions, climb
 from crux_tools import cli
 from crux_tools.report.pictures import place_measured
 from crux_tools.robot.described import described
@@ -93,13 +93,8 @@ def test_a_robot_with_five_bars_climbs(robot: Robot, tmp_path: Path) -> None:
     """It is planned, checked, climbed, computed again from the log, and shown."""
     path = tmp_path / "log.mcap"
     found = unproven(parse_scenario(scenario_text()), robot)
-    assert found.check.ok
     assert any(each.constraint == "linkage_singular" for each in found.check.worst)
-    result = climb(found.plan, robot, path, ClimbOptions())
-    assert result.ok, result.reason
-    assert result.verdict.slips == 0
-    assert result.verdict.goal_error_m < 0.02
-    assert cli.main(["replay", str(path), "--check", "--no-view"]) == 0
+    climbs_and_replays(found, robot, path)
     log = read_log(path)
     model = build_model(robot, standing_plan())
     data = mujoco.MjData(model.model)

@@ -8,13 +8,12 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from climbs import climbs_and_replays
 from crux_contracts.joint_loop_checks import borne_dead_time_s
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
-from crux_simulation.sim.climb import ClimbOptions, climb
 from crux_simulation.sim.world import JointChange, World
 from crux_simulation.sim.world_model import change_robot
-from crux_tools import cli
 from crux_tools.errors import UsageError
 from crux_tools.report.pictures import place_measured
 from crux_tools.robot3d.robot_model import build_model, urdf_spec
@@ -66,13 +65,8 @@ def test_a_robot_with_gears_signs_offsets_and_a_belt_climbs(tmp_path: Path) -> N
     """It is planned, checked, climbed, computed again from the log, and shown."""
     robot, path = load_robot(with_transmissions(COUPLED, tmp_path)), tmp_path / "log.mcap"
     found = unproven(parse_scenario(scenario_text()), robot)
-    assert found.check.ok
     assert len(found.check.actuators) == 24
-    result = climb(found.plan, robot, path, ClimbOptions())
-    assert result.ok, result.reason
-    assert result.verdict.slips == 0
-    assert result.verdict.goal_error_m < 0.02
-    assert cli.main(["replay", str(path), "--check", "--no-view"]) == 0
+    climbs_and_replays(found, robot, path)
     log = read_log(path)
     told = log.inputs["joint_position_rad"][-1].reshape(4, 6)
     model = build_model(robot, standing_plan())

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
+from climbs import climbs_and_replays
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
-from crux_simulation.sim.climb import ClimbOptions, climb
 from crux_tools import cli
 from crux_tools.paths import ROOT
 from shared_plans import unproven
@@ -22,12 +22,7 @@ def test_it_climbs_its_wall(slope_deg: int, tmp_path: Path) -> None:
     text = (ROOT / "msgs" / "scenarios" / "climb-limbero.yaml").read_text(encoding="utf-8")
     assert "slope_deg: 45}" in text
     found = unproven(parse_scenario(text.replace("slope_deg: 45}", f"slope_deg: {slope_deg}}}")), robot)
-    assert found.check.violations == []
-    result = climb(found.plan, robot, log, ClimbOptions())
-    assert result.ok, result.reason
-    assert result.verdict.slips == 0
-    assert result.verdict.goal_error_m < 0.02
-    assert cli.main(["replay", str(log), "--check", "--no-view"]) == 0
+    climbs_and_replays(found, robot, log)
 
 
 def test_the_check_says_where_plans_keep_its_elbows(capsys: pytest.CaptureFixture[str]) -> None:

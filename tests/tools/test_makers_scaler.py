@@ -7,9 +7,9 @@ import re
 from pathlib import Path
 
 import pytest
+from climbs import climbs_and_replays
 from crux_contracts.robot import ROBOTS, load_robot
 from crux_contracts.scenario import load_scenario
-from crux_simulation.sim.climb import ClimbOptions, climb
 from crux_tools import cli
 from crux_tools.paths import ROOT
 from shared_plans import unproven
@@ -37,12 +37,7 @@ def test_it_climbs_one_step_of_its_wall(tmp_path: Path) -> None:
     robot, log = load_robot(NAME), tmp_path / "log.mcap"
     assert robot.limbs[0].transmission.five_bar is not None
     found = unproven(load_scenario(ROOT / "msgs" / "scenarios" / "climb-makers.yaml"), robot)
-    assert found.check.violations == []
-    result = climb(found.plan, robot, log, ClimbOptions())
-    assert result.ok, result.reason
-    assert result.verdict.slips == 0
-    assert result.verdict.goal_error_m < 0.02
-    assert cli.main(["replay", str(log), "--check", "--no-view"]) == 0
+    climbs_and_replays(found, robot, log)
 
 
 def variant(row: str, mapping: str) -> str:
