@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from crux_contracts.scenario import load_scenario
+from crux_contracts.scenario import load_scenario, parse_scenario
 from crux_simulation.benchmarks.many_walls import WALLS, WallJob, wall_job
 from crux_simulation.campaign import engine
 from crux_tools.cli import main
@@ -64,6 +64,11 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.Captur
     assert main(["bench", "walls", str(tmp_path / "no.yaml"), "--output", str(tmp_path / "out")]) == 2
     assert f"{tmp_path}/no.yaml: expected a scenario file" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_wall_is_planned_for_another_objective_where_one_is_given() -> None:
+    wall = parse_scenario(wall_job(WALLS / "edge-30.yaml", 9.0, "time").wall.scenario())
+    assert (wall.name, wall.planner.objective) == ("edge-30", "time")
 
 
 def test_speed_is_that_of_the_body_from_start_to_goal() -> None:

@@ -16,10 +16,11 @@ from crux_planner.model.hands import TILTED
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import Pose, Problem
 from crux_planner.model.schedule import Schedule
+from crux_planner.pipeline.grip_loads import bear_more
 from crux_planner.pipeline.message import PlanResult, plan_message
-from crux_planner.pipeline.pace import bear_more
 from crux_planner.pipeline.refusals import refused_by
 from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
+from crux_planner.pipeline.restart import with_objective
 from crux_planner.pipeline.route import TOLERANCE_DEG, is_long, plan_route
 from crux_planner.pipeline.solve_and_check import Climb
 from crux_planner.trajectory.solution import Solution
@@ -60,8 +61,9 @@ def _parts(climb: Climb) -> list[PlanResult] | None:
     turn = abs(float(climb.problem.goal.body.rpy_rad[2])) + np.radians(TOLERANCE_DEG)
     speed = robot.body.max_speed_m_s / (np.cos(turn) + np.sin(turn) if turn < np.pi / 4 else np.sqrt(2.0))
     slower = replace(robot, body=replace(robot.body, max_speed_m_s=speed))  # along the axes of any part's first pose
+    even = with_objective(session.scenario, "paper")  # the steps of all parts; the whole gets its pace later
     try:
-        return list(plan_route(session.scenario, slower, time_limit_s=WAY_S, deadline=session.deadline))
+        return list(plan_route(even, slower, time_limit_s=WAY_S, deadline=session.deadline))
     except InfeasibleError:
         return None
 

@@ -8,7 +8,6 @@ where it refuses the plan, the intervals around take longer.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from crux_contracts import N_LIMBS
@@ -22,10 +21,9 @@ from crux_msgs import plan_t
 from crux_planner.checker import CheckReport, check_plan
 from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem
-from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
-from crux_planner.model.mass import centres_of_mass
+from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Problem
-from crux_planner.physics.limit_surface import finger_forces, finger_inputs
+from crux_planner.pipeline.grip_loads import bear_more
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.session import Work
 
@@ -40,10 +38,6 @@ BODY_SHARE = 0.999  # of the body's limits: the check is exact
 def paced(result: PlanResult, scenario: Scenario, robot: Robot, work: Work) -> PlanResult:
     """The plan at the pace that the scenario asks for: as it is for `paper`, and where no pace passes the check."""
     if scenario.planner.objective == "paper":
-        return result
-    if scenario.leans or scenario.tilts or scenario.wall.slabs:
-        why = "not supported yet where faces lean, holds are turned or surfaces are bounded"
-        work.log(f"no pace for planner.objective {scenario.planner.objective}: {why}")
         return result
     with work.part("pace", 0.95):
         formats = (plan_t.FORMAT_MOVING_FINGERS, plan_t.FORMAT_OWN_TIMES)
@@ -83,9 +77,10 @@ def least_times_s(series: PlanSeries, robot: Robot, shares: SwingShares) -> Arra
     body_m, turn_rad = (np.abs(np.diff(v, axis=0)) for v in (series.body_position_m, series.body_rpy_rad))
     times = [body_m.max(axis=1) / (BODY_SHARE * pace.body_speed_m_s), turn_rad.max(axis=1) / pace.body_rate_rad_s]
     way_m = np.linalg.norm(np.diff(series.gripper_position_m, axis=0), axis=2)
-    yaw_rad = np.abs(np.diff(series.gripper_yaw_rad, axis=0))
+    twist_rad = np.abs(np.diff(series.gripper_yaw_rad, axis=0))
+    twist_rad += np.linalg.norm(np.diff(series.gripper_tilt_rad, axis=0), axis=2)
     opens_m = np.abs(np.diff(series.separation_m, axis=0)) / 2
-    steady_s = np.maximum(way_m / pace.swing_speed_m_s, yaw_rad / pace.yaw_rate_rad_s)
+    steady_s = np.maximum(way_m / pace.swing_speed_m_s, twist_rad / pace.yaw_rate_rad_s)
     smooth_s = np.maximum(PEAK * steady_s, np.sqrt(PEAK_ACCELERATION * way_m / pace.swing_acceleration_m_s2))
     air = ~series.stance
     before, after = np.vstack([np.zeros((1, N_LIMBS), bool), air[:-2]]), air[1:]
@@ -124,64 +119,6 @@ def set_times(plan: plan_t, step_s: Array, problem: Problem) -> None:
         knot.body_velocity_w_m_s = velocity[k].tolist()
         knot.body_angular_velocity_b_rad_s = rate[k].tolist()
     plan.plan_id = plan_id(plan)
-
-
-def bear_more(plan: plan_t, lack: Array, problem: Problem) -> None:
-    """The plan with so much more force and moment about its centre of mass, `lack` (N, 6) in W, on the robot, in place:
-    see `_Loads.changed`.
-    """
-    series = plan_series(plan)
-    forces, moments = _Loads.of(series, problem).changed(lack)
-    for k, knot in enumerate(plan.knots):
-        for limb in np.flatnonzero(series.stance[k]):
-            knot.limbs[limb].finger_force_w_n = forces[k, limb].ravel().tolist()
-            knot.limbs[limb].finger_moment_w_nm = moments[k, limb].ravel().tolist()
-    plan.plan_id = plan_id(plan)
-
-
-class _Loads:
-    """What fingers bear in the plan, as the inputs (s1, s2, m, n1, n2) of the exact program, in the axes of W."""
-
-    def __init__(self, series: PlanSeries, arm_m: Array, problem: Problem) -> None:
-        self.series, self.arm_m, self.problem = series, arm_m, problem
-        self.axis = series.opening_axis
-        self.tangent = np.cross([0.0, 0.0, 1.0], self.axis)
-
-    @classmethod
-    def of(cls, series: PlanSeries, problem: Problem) -> "_Loads":
-        to_h = rotation_z(-problem.heading_rad)
-        poses = np.hstack([series.body_position_m @ to_h.T, series.body_rpy_rad - [0.0, 0.0, problem.heading_rad]])
-        hands = np.concatenate(
-            [series.gripper_position_m @ to_h.T, series.gripper_yaw_rad[..., None] - problem.heading_rad], axis=2
-        )
-        centre = centres_of_mass(problem, poses, hands) @ to_h
-        return cls(series, series.gripper_position_m - centre[:, None], problem)
-
-    def changed(self, lack: Array) -> tuple[Array, Array]:
-        """Forces and moments (K, 4, 2, 3) of the fingers with `lack` (K - 1, 6) more force on the robot and moment
-        about its centre of mass than before, by the least change; squeezed as much more as friction needs for it."""
-        series = self.series
-        q = finger_inputs(series.finger_force_n, series.finger_moment_nm, series.gripper_yaw_rad)
-        for k, wrench in enumerate(lack):
-            held = np.flatnonzero(series.stance[k])
-            if np.abs(wrench).max() == 0.0:
-                continue
-            change = np.linalg.pinv(self._effects(k, held)) @ wrench
-            for limb, (shear, lift, twist, push) in zip(held, change.reshape(-1, 4), strict=True):
-                more = float(np.linalg.norm([shear, lift, twist / self.problem.patch.k_m])) / series.friction[k, limb]
-                q[k, limb] += [shear, lift, twist, more + max(push, 0.0), more + max(-push, 0.0)]
-        q[-1] = q[-2]
-        return finger_forces(q, self.axis, self.tangent)
-
-    def _effects(self, k: int, held: Any) -> Array:
-        """(6, 4 held) force and moment about the centre of mass of one more shear, lift, twist and push by each."""
-        columns = []
-        for limb in held:
-            axis, arm = self.axis[k, limb], self.arm_m[k, limb]
-            for force in (2 * self.tangent[k, limb], np.array([0.0, 0.0, 2.0]), np.zeros(3), axis):
-                twist = 2 * axis if not force.any() else np.zeros(3)
-                columns.append(np.concatenate([force, np.cross(arm, force) + twist]))
-        return np.array(columns).T
 
 
 def _narrow_fingers(plan: plan_t, robot: Robot) -> None:

@@ -7,6 +7,7 @@ from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import Robot
 from crux_planner.checker import check_plan
 from crux_planner.model.build import build_problem
+from crux_planner.pipeline.restart import with_objective
 from crux_planner.pipeline.route import is_long
 from shared_plans import unproven
 from walls import scattered, scenario, two_rows
@@ -14,7 +15,7 @@ from walls import scattered, scenario, two_rows
 
 def test_a_far_climb_over_scattered_holds_is_one_plan_of_parts(robot: Robot) -> None:
     """Its own inertia and speeds hold all along, though every part has those of its own first pose."""
-    wall = scenario(scattered(8, rise_m=1.5, count=44))
+    wall = with_objective(scenario(scattered(8, rise_m=1.5, count=44)), "balanced")
     result = unproven(wall, robot)
     assert "parts" in result.timing
     assert result.plan.plan_id == plan_id(result.plan)

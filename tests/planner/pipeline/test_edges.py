@@ -9,6 +9,7 @@ import crux_planner
 import numpy as np
 import pytest
 import yaml
+from at_pace import is_quick
 from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError
@@ -53,6 +54,11 @@ def test_the_front_limbs_go_over_the_edge(given: tuple[float, float, float]) -> 
     tilts = [np.degrees(limb.gripper_tilt_w_rad[1]) for limb in (first, last)]
     assert tilts == pytest.approx([-given[0], -given[1]], abs=1e-6)
     assert violations(result.plan, 1, [0.0, 0.0, 0.0]) == set()
+
+
+@pytest.mark.parametrize("given", [CONVEX, CONCAVE], ids=["convex", "concave"])
+def test_an_edge_is_climbed_in_less_time_where_that_is_asked(given: tuple[float, float, float]) -> None:
+    assert is_quick(planned(*given), ROBOT)
 
 
 @pytest.mark.parametrize("given", [CONVEX, CONCAVE], ids=["convex", "concave"])

@@ -6,12 +6,17 @@ import hashlib
 from functools import cache
 
 import crux_planner
+import numpy as np
 import pytest
+from at_pace import is_quick
 from crux_contracts.plan_file import plan_id
+from crux_contracts.plan_series import plan_series
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import ScenarioError
+from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_msgs import plan_t
 from crux_planner.checker import check_plan
+from crux_planner.model.build import build_problem
+from crux_planner.pipeline.grip_loads import bear_more
 from crux_planner.pipeline.message import PlanResult
 from leaning import leaning
 from walls import one_move
@@ -40,6 +45,25 @@ def test_it_is_planned_and_passes_the_check() -> None:
     assert result.gap is None  # bounds are about upright faces
     assert all(hold.lean_rad[:2] == pytest.approx([0.5235987756] * 2) for hold in result.plan.holds)
     assert result.check.cost == pytest.approx(result.cost, rel=2e-3)  # the program adds a little for spines
+
+
+def test_it_is_climbed_in_less_time_where_that_is_asked() -> None:
+    assert is_quick(planned(), ROBOT)
+
+
+def test_fingers_on_faces_that_lean_unlike_bear_just_what_is_asked_for() -> None:
+    """A moment, which is the same about every point; a squeeze turns a gripper whose pads touch at unlike heights."""
+    plan = plan_t.decode(planned().plan.encode())
+    for hold in plan.holds:
+        hold.lean_rad = [hold.lean_rad[0], 0.2, *hold.lean_rad[2:]]
+    before, asked = plan_series(plan).wrench, np.zeros((len(plan.knots) - 1, 6))
+    asked[0] = [0.0, 0.0, 0.0, 0.5, 0.3, -0.4]
+    bear_more(plan, asked, build_problem(parse_scenario(plan.scenario_yaml), ROBOT))
+    after = plan_series(plan)
+    more = after.wrench - before
+    more[..., 3:] += np.cross(after.gripper_position_m, more[..., :3])
+    assert more[0].sum(axis=0) == pytest.approx(asked[0], abs=1e-6)
+    assert np.abs(more[1:]).max() == 0.0
 
 
 def test_a_wall_with_other_faces_is_not_the_plans() -> None:

@@ -9,6 +9,7 @@ from functools import cache
 import crux_planner
 import numpy as np
 import pytest
+from at_pace import is_quick
 from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError
@@ -43,6 +44,10 @@ def test_it_is_planned_and_passes_the_check() -> None:
     assert result.check.ok
     assert result.gap is None  # bounds are about upright holds
     assert result.check.cost == pytest.approx(result.cost, rel=2e-3)
+
+
+def test_it_is_climbed_in_less_time_where_that_is_asked() -> None:
+    assert is_quick(planned(), ROBOT)
 
 
 def test_grippers_come_along_the_holds_own_z_and_press_on_their_faces() -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from crux_contracts.output_file import look_at_folder
+from crux_contracts.scenario_types import OBJECTIVES
 from crux_tools.arguments import positive, whole
 from crux_tools.errors import UsageError
 from crux_tools.output import note, print_json
@@ -52,17 +53,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--limit", type=positive, default=LIMIT_S, metavar="S",
         help="seconds of computing that planning a wall may take (default: %(default)s)",
     )  # fmt: skip
+    parser.add_argument("--objective", choices=OBJECTIVES, help="what is planned for (default: as the walls say)")
     parser.add_argument("--output", type=Path, default=Path("out/bench-walls"), metavar="DIR", help="for results")
     add_cluster_options(parser)
 
 
-def wall_job(path: Path, limit_s: float) -> WallJob:
-    """Plans, checks and climbs the wall of a scenario file. Raises UsageError where it cannot be read."""
+def wall_job(path: Path, limit_s: float, objective: str | None = None) -> WallJob:
+    """Plans, for an objective of its own if one is given, checks and climbs the wall of a scenario file. Raises
+    UsageError where it cannot be read.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"{path}: expected a scenario file: {error}") from None
-    return WallJob(path.stem, Wall(text=text), time_limit_s=limit_s)
+    return WallJob(path.stem, _asked(Wall(text=text), objective), time_limit_s=limit_s)
+
+
+def _asked(wall: Wall, objective: str | None) -> Wall:
+    return wall.planned(objective=objective) if objective else wall
 
 
 def _jobs(options: argparse.Namespace) -> list[WallJob]:
@@ -70,11 +78,13 @@ def _jobs(options: argparse.Namespace) -> list[WallJob]:
         if options.wall:
             raise UsageError("--drawn: takes no scenario files beside it")
         seeds = range(options.seed, options.seed + options.drawn)
-        return [WallJob(DRAWN, Wall(DRAWN, seed), time_limit_s=options.limit) for seed in seeds]
+        return [
+            WallJob(DRAWN, _asked(Wall(DRAWN, seed), options.objective), time_limit_s=options.limit) for seed in seeds
+        ]
     paths = options.wall or sorted(WALLS.glob("*.yaml"))
     if not paths:
         raise UsageError(f"{WALLS}: no walls here; name scenario files")
-    return [wall_job(path, options.limit) for path in paths]
+    return [wall_job(path, options.limit, options.objective) for path in paths]
 
 
 def line_of(row: Row) -> dict[str, Any]:
