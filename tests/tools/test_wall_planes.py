@@ -13,13 +13,14 @@ import yaml
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, load_scenario
 from crux_simulation.wall.boxes import Box, apart, boxes
-from crux_simulation.wall.frame import CLIMBED, Frame, Placed, placed, rpy_rad
+from crux_simulation.wall.frame import CLIMBED, Frame, Placed, placed
 from crux_simulation.wall.parts import Bounded, Part, bounded, parts
 from crux_simulation.wall.places import Places, bodies
 from crux_simulation.wall.planes import planes
 from crux_simulation.wall.stances import Stance, ends
 from crux_simulation.wall.surface import Surface
 from crux_tools.cli import main
+from crux_tools.telemetry.rotations import rpy_of
 from scipy.spatial.transform import Rotation
 
 WIDE_M = 0.7
@@ -165,7 +166,7 @@ def test_the_scenario_has_the_holds_of_both_planes_and_of_the_edge(
 @pytest.mark.parametrize("pitch", [0.4, -np.pi / 2, np.pi / 2])
 def test_a_rotation_is_that_of_its_roll_pitch_and_yaw(pitch: float) -> None:
     rotation = Rotation.from_euler("ZYX", [-2.1, pitch, 0.7]).as_matrix()
-    assert Rotation.from_euler("xyz", rpy_rad(rotation)).as_matrix() == pytest.approx(rotation, abs=1e-9)
+    assert Rotation.from_euler("xyz", rpy_of(rotation)).as_matrix() == pytest.approx(rotation, abs=1e-9)
 
 
 def test_boxes_of_two_planes_stand_apart() -> None:

@@ -8,16 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from crux_contracts.gripper_frames import yaw_and_tilt
 from crux_contracts.robot import load_robot
 from crux_msgs import plan_t
 from crux_simulation.sim.climb import ClimbOptions, plant_of
 from crux_simulation.sim.native import library
 from crux_simulation.sim.plant import Plant
 from crux_simulation.sim.world_file import parse_world
+from crux_simulation.sim.world_model import true_wall
 from crux_tools.telemetry.rotations import rotation_from_rpy
 from hand_plan import HALF_HOLD_M, MASS_KG, NOMINAL_M, PAD_HEIGHT_M, Wall, standing_plan
 from holding_controller import HoldingController
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 SCALER = load_robot("scaler")
 SETTLED_S = 4.0  # the hand is gone at 1.5 s
@@ -87,6 +90,26 @@ def test_a_hold_stands_where_the_world_has_it_and_the_robot_begins_on_it() -> No
     np.testing.assert_allclose(turned, rotation_from_rpy([0, 0, yaw]), atol=1e-5)
     HoldingController(plant).run(SETTLED_S)
     assert plant.limbs_on_holds().all()
+
+
+def test_a_hold_out_of_the_walls_plane_lies_elsewhere_along_its_own_axes() -> None:
+    """And the gripper that holds it goes with it: 5 and 2 mm along its surface, 3 degrees about its own z."""
+    plan = standing_plan()
+    hold, grip = plan.holds[0], plan.knots[0].limbs[0]
+    hold.tilt_rad = [0.0, -0.8]
+    of_hold = Rotation.from_euler("ZYX", [hold.yaw_rad, -0.8, 0.0])
+    yaw, tilt = yaw_and_tilt((of_hold * Rotation.from_euler("z", grip.gripper_yaw_w_rad - hold.yaw_rad)).as_matrix())
+    grip.gripper_yaw_w_rad, grip.gripper_tilt_w_rad = yaw, tilt.tolist()
+    text = "version: 1\nname: test\nholds: {h0: {offset_m: [0.005, 0.002, 0], yaw_deg: 3}}\n"
+    true = true_wall(plan, parse_world(text.encode()).draw(0, plan))
+    there, held = true.holds[0], true.knots[0].limbs[0]
+    off_m = of_hold.inv().apply(np.subtract(there.position_w_m, hold.position_w_m))
+    np.testing.assert_allclose(off_m, [0.005, 0.002, 0.0], atol=1e-12)
+    turned = of_hold.inv() * Rotation.from_euler("ZYX", [there.yaw_rad, *there.tilt_rad[::-1]])
+    np.testing.assert_allclose(turned.as_rotvec(degrees=True), [0.0, 0.0, 3.0], atol=1e-9)
+    grips = [Rotation.from_rotvec([*g.gripper_tilt_w_rad, 0.0]) * Rotation.from_euler("z", g.gripper_yaw_w_rad)
+             for g in (grip, held)]  # fmt: skip
+    np.testing.assert_allclose((grips[0].inv() * grips[1]).as_rotvec(degrees=True), [0.0, 0.0, 3.0], atol=1e-9)
 
 
 def test_friction_and_spines_by_face() -> None:

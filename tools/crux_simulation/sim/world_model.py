@@ -10,12 +10,14 @@ from typing import Any
 import mujoco
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.gripper_frames import gripper_rotation, yaw_and_tilt
 from crux_contracts.interpolation import is_walk
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import FACE_NAMES
 from crux_msgs import limb_knot_t, plan_t
 from crux_tools.errors import UsageError
 from crux_tools.robot3d.robot_model import RobotModel, finger_joints, slot_names
+from crux_tools.telemetry.rotations import hold_rotation, rotation_from_rpy, rpy_of
 
 from crux_simulation.sim.native import HoldBreakRow, PlantWorld, PushRow, SensorErrorRow
 from crux_simulation.sim.world import ERRORS, SENSORS, GripperChange, HoldChange, JointChange, World, joint_names
@@ -33,16 +35,12 @@ HOLD_MASS_KG = 1.0  # of a hold that gives: enough that steps of 2 ms bear the s
 HOLD_DAMPING_RATIO = 1.0
 
 
-def _turned(yaw_rad: float, xy: Any) -> Any:
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    return np.array([[c, -s], [s, c]]) @ xy
-
-
 def _change_hold(hold: Any, change: HoldChange) -> None:
-    position, offset = np.array(hold.position_w_m), np.array(change.offset_m)
-    position[:2] += _turned(hold.yaw_rad, offset[:2])
-    position[2] += offset[2]
-    hold.yaw_rad += math.radians(change.yaw_deg)
+    rotation = hold_rotation(hold)
+    position = np.array(hold.position_w_m) + rotation @ np.array(change.offset_m)
+    if change.yaw_deg:
+        about_its_z = rotation_from_rpy([0.0, 0.0, math.radians(change.yaw_deg)])
+        *hold.tilt_rad, hold.yaw_rad = rpy_of(rotation @ about_its_z).tolist()
     hold.size_m = np.maximum(np.array(hold.size_m) + change.size_change_m, LEAST_SIZE_M).tolist()
     hold.friction = [
         change.friction.get(face, mu) * change.friction_factor
@@ -65,12 +63,12 @@ def true_wall(plan: plan_t, world: World) -> plan_t:
         planned, hold = plan.holds[limb.hold], true.holds[limb.hold]
         if hold.position_w_m[2] <= GONE_M or hold.encode() == planned.encode():
             continue
-        turn_rad = hold.yaw_rad - planned.yaw_rad
-        arm = np.array(limb.gripper_position_w_m) - planned.position_w_m
-        arm[:2] = _turned(turn_rad, arm[:2])
+        turn = hold_rotation(hold) @ hold_rotation(planned).T
+        arm = turn @ (np.array(limb.gripper_position_w_m) - planned.position_w_m)
         limb.gripper_position_w_m = (np.array(hold.position_w_m) + arm).tolist()
-        limb.gripper_yaw_w_rad += turn_rad
-        limb.gripper_tilt_w_rad = _turned(turn_rad, np.array(limb.gripper_tilt_w_rad)).tolist()
+        yaw, tilt = yaw_and_tilt(turn @ gripper_rotation(limb.gripper_yaw_w_rad, limb.gripper_tilt_w_rad))
+        limb.gripper_yaw_w_rad += math.remainder(yaw - limb.gripper_yaw_w_rad, math.tau)
+        limb.gripper_tilt_w_rad = tilt.tolist()
         axis = 0 if limb.finger1_face in (limb_knot_t.FACE_PLUS_X, limb_knot_t.FACE_MINUS_X) else 1
         limb.finger_separation_m += hold.size_m[axis] - planned.size_m[axis]
     return true

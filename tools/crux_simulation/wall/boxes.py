@@ -12,8 +12,9 @@ import trimesh
 from crux_contracts.robot import Robot
 from crux_contracts.scenario_checks import Footprint, overlap_m
 from crux_contracts.yaml_document import Node
+from crux_tools.telemetry.rotations import rpy_of
 
-from crux_simulation.wall.frame import CLIMBED, Frame, rpy_rad
+from crux_simulation.wall.frame import CLIMBED, Frame
 from crux_simulation.wall.places import REASONS, TAKEN, Flags, Indices, Places, lean_m
 from crux_simulation.wall.surface import Array, Surface
 
@@ -67,7 +68,7 @@ class Box:
     @property
     def rpy_rad(self) -> Array:
         """(3,) roll, pitch and yaw of the cuboid in W."""
-        return np.array([0.0, 0.0, self.yaw_rad]) if self.frame is CLIMBED else rpy_rad(self.rotation)
+        return np.array([0.0, 0.0, self.yaw_rad]) if self.frame is CLIMBED else rpy_of(self.rotation)
 
 
 def boxes(

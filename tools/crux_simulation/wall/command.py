@@ -120,7 +120,8 @@ def _import(options: argparse.Namespace) -> int:
 
 def _described(found: Any) -> dict[str, Any]:
     """Of the bodies, `position_m` and `yaw_deg` are in the frame of their plane, and `pose` is in W."""
-    from crux_simulation.wall.frame import rpy_rad
+    from crux_tools.telemetry.rotations import rpy_of
+
     from crux_simulation.wall.imported import pose
 
     return {
@@ -143,7 +144,7 @@ def _described(found: Any) -> dict[str, Any]:
         "surfaces": [
             {
                 "name": each.name,
-                **pose(each.frame.origin_m, rpy_rad(each.frame.rotation.T)),
+                **pose(each.frame.origin_m, rpy_of(each.frame.rotation.T)),
                 "size_m": each.size_m.tolist(),
             }
             for each in found.surfaces

@@ -10,7 +10,6 @@ from crux_tools.errors import UsageError
 from crux_simulation.wall.surface import Array, Surface
 
 LEVEL = 0.02  # sine of the angle under which a plane counts as level
-RIGHT_ANGLE = 1e-9  # cosine of pitches at which roll and yaw are one turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +34,6 @@ class Frame:
 
 
 CLIMBED = Frame(np.eye(3), np.zeros(3))  # of the plane z = 0
-
-
-def rpy_rad(rotation: Array) -> Array:
-    """Roll, pitch and yaw (3,) [rad] of Rz(yaw) Ry(pitch) Rx(roll); yaw is 0 where the pitch is a right angle."""
-    flat = float(np.hypot(*rotation[:2, 0]))
-    pitch = np.arctan2(-rotation[2, 0], flat)
-    if flat < RIGHT_ANGLE:
-        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
-    return np.array([np.arctan2(*rotation[2, [1, 2]]), pitch, np.arctan2(*rotation[[1, 0], 0])])
 
 
 def _axes(up: Array, normal: Array) -> Array:

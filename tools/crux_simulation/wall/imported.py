@@ -18,11 +18,12 @@ from crux_contracts.scenario_types import MAX_CUBOIDS, Wall
 from crux_planner.method_report import wall_lacks
 from crux_tools.errors import UsageError
 from crux_tools.output import progress
+from crux_tools.telemetry.rotations import rpy_of
 
 from crux_simulation.wall.board import read_board
 from crux_simulation.wall.boxes import Box, apart, boxes
 from crux_simulation.wall.edit.content import scenario_of
-from crux_simulation.wall.frame import CLIMBED, Placed, placed, rpy_rad
+from crux_simulation.wall.frame import CLIMBED, Placed, placed
 from crux_simulation.wall.parts import WALL, Bounded, behind, bounded, parts
 from crux_simulation.wall.places import Limits, bodies, find_places
 from crux_simulation.wall.planes import planes
@@ -203,7 +204,7 @@ def _surfaces(bounded: list[Bounded]) -> list[dict[str, Any]]:
         {
             "name": each.name,
             "rectangle": {
-                "pose": pose(each.frame.origin_m, rpy_rad(each.frame.rotation.T)),
+                "pose": pose(each.frame.origin_m, rpy_of(each.frame.rotation.T)),
                 "size_m": _rounded(each.size_m),
                 "depth_m": round(each.depth_m, DIGITS),
             },

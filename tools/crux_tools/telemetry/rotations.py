@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 _TILT = "gripper_tilt_w_rad"
+_RIGHT_ANGLE = 1e-9  # cosine of pitches at which roll and yaw are one turn
 
 
 def rotations_from_quaternions(quaternion: Floats) -> Floats:
@@ -35,6 +36,15 @@ def rotation_from_rpy(rpy_rad: Any) -> Floats:
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+def rpy_of(rotation: Floats) -> Floats:
+    """Roll, pitch and yaw (3,) [rad] of Rz(yaw) Ry(pitch) Rx(roll); yaw is 0 where the pitch is a right angle."""
+    flat = float(np.hypot(*rotation[:2, 0]))
+    pitch = np.arctan2(-rotation[2, 0], flat)
+    if flat < _RIGHT_ANGLE:
+        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(*rotation[2, [1, 2]]), pitch, np.arctan2(*rotation[[1, 0], 0])])
 
 
 def hold_rotation(hold: Any) -> Floats:
