@@ -210,7 +210,7 @@ class Uncertainty:
     """What a plan has to hold for: each number is how far off, either way, something may be, `sigmas` counted in."""
 
     friction: float = key(0.0, 0.0, 0.95, "", "share of every face's friction")
-    hold_position_m: float = key(0.0, 0.0, 0.05, "m", "along x and y of W, each")
+    hold_position_m: float = key(0.0, 0.0, 0.05, "m", "along x and y of W, each; of a turned hold, along its own")
     hold_yaw_deg: float = key(0.0, 0.0, 30.0, "degrees", "yaw of a hold")
     mass_kg: float = key(0.0, 0.0, 20.0, "kg", "of the robot")
     centre_of_mass_m: float = key(0.0, 0.0, 0.1, "m", "along each axis")

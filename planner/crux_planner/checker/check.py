@@ -101,8 +101,8 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
         samples, solids, limbs, body, endless=wall.endless, point_model=point, spare_m=spare_m, findings=findings
     )
     check_limb_clearance(samples, limbs, body, spare_m, findings)
-    if scenario.uncertainty is not None and scenario.not_upright:
-        detail = f"no check knows what an uncertainty makes of holds and obstacles where {scenario.not_upright}"
+    if scenario.uncertainty is not None and scenario.leans:
+        detail = "no check knows what an uncertainty makes of holds whose faces lean"
         findings.add("limit_surface_uncertain", 1.0, "", detail=detail)
     elif scenario.uncertainty is not None:
         check_uncertainty(plan, scenario, loads, robot, findings)

@@ -18,7 +18,7 @@ from crux_contracts.scenario import Scenario, Uncertainty
 
 from crux_planner.checker.dynamics import centre_of_mass
 from crux_planner.checker.equilibrium import corrected_wrenches
-from crux_planner.checker.geometry import Array
+from crux_planner.checker.geometry import Array, rotation_of_gripper
 from crux_planner.checker.kinematics import LimbMotion, check_kinematics, held_torque
 from crux_planner.checker.limb_model import BEARERS, WholeRobot, load_model
 from crux_planner.checker.limit_surface import FingerLoads
@@ -74,17 +74,22 @@ def _corners(
     The whole force grows with the mass; the moment about the centre of mass is then off by where that and the holds
     are, each component by as much as all of them together can make.
     """
-    size = np.abs(samples.force)
-    total, each = samples.force.sum(axis=1), size.sum(axis=1)
+    total, surface = samples.force.sum(axis=1), _surface_axes(samples)
     along = np.abs(total)
     aside = known.centre_of_mass_m * (along.sum(axis=1, keepdims=True) - along)
-    moved = known.hold_position_m * np.stack([each[:, 2], each[:, 2], each[:, 0] + each[:, 1]], axis=1)
+    moved = known.hold_position_m * np.abs(np.cross(surface, samples.force[..., None, :])).sum(axis=(1, 2))
     masses = sorted({1.0 + known.mass_kg / mass_kg, 1.0 - known.mass_kg / mass_kg})
     found = []
     for grown, signs in product(masses, product((-1.0, 1.0), repeat=3)):
         net = (grown * total, np.array(signs) * (grown * aside + moved))
         found.append(corrected_wrenches(samples, twist_length_m, centre_w_m, net)[:2])
     return found
+
+
+def _surface_axes(samples: Samples) -> Array:
+    """Along which holds may lie elsewhere, (T, 4, 2, 3): W's x and y, turned out of the wall's plane as a hold is."""
+    turned = rotation_of_gripper(np.zeros_like(samples.gripper_yaw), samples.gripper_tilt)
+    return turned[..., :2].swapaxes(-1, -2)
 
 
 def _surface_excess(
@@ -95,10 +100,9 @@ def _surface_excess(
     """
     known, knots = scenario.uncertainty, planned.interval
     assert known is not None
-    yaw = planned.gripper_yaw + turned_rad
-    axis = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
-    tangent = np.stack([-axis[..., 1], axis[..., 0]], axis=-1)
-    shear = 0.5 * np.stack([(shared.force[..., :2] * tangent).sum(axis=-1), shared.force[..., 2]], axis=-1)
+    turned = rotation_of_gripper(planned.gripper_yaw + turned_rad, planned.gripper_tilt)
+    axis = turned[..., 0]
+    shear = 0.5 * np.einsum("tlij,tli->tlj", turned[..., 1:], shared.force)
     twist = 0.5 * (shared.moment * axis).sum(axis=-1)
     pull = (shared.force * axis).sum(axis=-1) - (planned.force * planned.opening_axis).sum(axis=-1)
     shares = np.full((2, 4, 1), 0.5)
@@ -127,11 +131,11 @@ def _check_reach(
     samples: Samples, known: Uncertainty, model: WholeRobot, gravity_w: Array, continuous_Nm: Array, findings: Findings
 ) -> None:
     """Every gripper where its hold is, all of them off to one side."""
-    off, turned = known.hold_position_m, known.hold_yaw_rad
+    off, turned, surface = known.hold_position_m, known.hold_yaw_rad, _surface_axes(samples)
     for x, y, yaw in product(sorted({off, -off}), sorted({off, -off}), sorted({turned, -turned})):
         moved = replace(
             samples,
-            gripper_position=samples.gripper_position + np.array([x, y, 0.0]),
+            gripper_position=samples.gripper_position + x * surface[:, :, 0] + y * surface[:, :, 1],
             gripper_yaw=samples.gripper_yaw + yaw,
         )
         there = Findings()

@@ -120,8 +120,9 @@ def _is_about_climbs(scenario: Scenario, robot: Robot) -> None:
     if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
         most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
         raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)
-    if scenario.uncertainty is not None and scenario.not_upright:
-        raise wrong(scenario, "uncertainty", "", f"is not supported yet where {scenario.not_upright}")
+    if scenario.uncertainty is not None and scenario.leans:
+        leaning = next(hold.name for hold in scenario.holds if hold.leans)
+        raise wrong(scenario, "uncertainty", "", f"is not supported yet where {leaning} has faces that lean")
 
 
 def _fits_one_plan(scenario: Scenario) -> None:

@@ -31,6 +31,7 @@ from crux_planner.search.pose_path import Ended
 from crux_planner.trajectory.exact import TOO_WEAK, solve_within_torques
 from crux_planner.trajectory.joint_limits import JointLimits, Moment
 from crux_planner.trajectory.joint_rows import ELBOW, JointFunctions
+from crux_planner.trajectory.link_planes import OFF_M
 from crux_planner.trajectory.solution import Start
 from crux_planner.trajectory.stage_functions import POSE
 
@@ -43,7 +44,7 @@ UNLIMITED = JointLimits.about(np.zeros((0, BODY_STATES)), PLAN_RAD)  # of functi
 _BETWEEN_RAD = 0.01  # margin at a moment at which a plan was refused: between those looked at, joints are no farther
 _MORE_RAD, _MORE_M = 0.01, 0.0015  # beyond what the check misses at a moment looked at
 _OUT_S = 1.0  # about a moment at which a limb is out of reach
-_MOST_APART_M = 0.012  # from where the path is kept to
+_MOST_MORE_APART_M = 0.0075  # from where the path is kept to
 _SAME_SHARE = 0.15  # of an interval, within which moments are one
 _UNSURE = "_uncertain"  # what the check finds where holds are elsewhere
 _UNREACHED = ("inverse_kinematics", "inverse_kinematics_orientation")
@@ -148,7 +149,7 @@ def _moment(plan: PlanReference, problem: Problem, body: Array, time_s: float) -
     )[:, : problem.hand_numbers]
     pose = np.concatenate([place @ to_w, rpy - heading])
     margin_rad = np.full((len(limbs), problem.chain_slots or JOINTS), _BETWEEN_RAD + problem.unsure_rad)
-    return Moment(interval, share, hands, margin_rad, off=pose - straight), pose
+    return Moment(interval, share, hands, margin_rad, OFF_M + problem.unsure_m, pose - straight), pose
 
 
 def _answered(
@@ -183,7 +184,7 @@ def _answered(
         if known is None or known.off is None:  # or found a moment ago
             moments[number : number + 1] = [here]
             continue
-        far = each.constraint in apart and known.apart_m >= _MOST_APART_M
+        far = each.constraint in apart and known.apart_m >= here.apart_m + _MOST_MORE_APART_M
         if far and not _kept_nearer(near_m, limits.near_m, here.interval):
             others.append(each)
         moments[number] = _farther(known, here, each)

@@ -27,7 +27,7 @@ from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.restart import rewritten
 from crux_planner.pipeline.session import RefusedWay
 from crux_planner.pipeline.solve_and_check import Climb, improved, others_than
-from crux_planner.reach.arm import reaches_of
+from crux_planner.reach.arm import CLEAR_M, reaches_of
 from crux_planner.search.body_path import SPEED_SHARE, path_about
 from crux_planner.search.ends import aims, clear_start
 from crux_planner.search.event_cost import Timed
@@ -153,7 +153,8 @@ def _searches(climb: Climb) -> Iterator[MapSearch]:
     margin_rad = SEARCH_RAD + problem.unsure_rad
     for each in itertools.chain([problem], itertools.islice(aims(problem, reaches_of(robot, margin_rad)), AIMS)):
         grid = grid_about(each, *_grids(each)[0])
-        yield MapSearch(PoseMasks(each, robot, grid, margin_rad), Footing(each, grid), climb.oracles.swings)
+        masks = PoseMasks(each, robot, grid, margin_rad, CLEAR_M + problem.unsure_m)
+        yield MapSearch(masks, Footing(each, grid), climb.oracles.swings)
 
 
 def _planned(climb: Climb, search: MapSearch, without: set[Left], quick: bool) -> Iterator[PlanResult | None]:
@@ -163,7 +164,7 @@ def _planned(climb: Climb, search: MapSearch, without: set[Left], quick: bool) -
     problem, session = search.problem, climb.session
     knot_m, (step_m, *others) = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s, _grids(problem)[1]
     grid = grid_about(problem, knot_m / np.ceil(knot_m / step_m), *others)  # so that the body may be as fast as it may
-    fine = PoseMasks(problem, session.robot, grid, PATH_RAD + problem.unsure_rad, OFF_M)
+    fine = PoseMasks(problem, session.robot, grid, PATH_RAD + problem.unsure_rad, OFF_M + problem.unsure_m)
     planner = _ByMap(climb, search, fine)
     (looks, ways), refused = QUICK if quick else (LOOKS, WAYS), Counter[tuple[Stance, int]]()
     stood = False  # all the time, in vain

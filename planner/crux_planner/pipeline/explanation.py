@@ -1,13 +1,17 @@
 """What to tell the user when a start cannot be used or the search finds no way: which constraint, which limb, where."""
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.gripper_frames import gripper_rotation
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Scenario
+from crux_contracts.scenario import Scenario, Uncertainty
 
 from crux_planner.errors import PLANNED_REACH, TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
+from crux_planner.model.arrays import Array
+from crux_planner.model.contacts import Contact
 from crux_planner.model.hands import hands_of, rotations
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.model.poses import beyond_planned_reach, missing_turn_rad, point_text, within_limits
@@ -46,10 +50,13 @@ def _missing_reach(scenario: Scenario, problem: Problem, limb: int) -> str | Non
     """Why a limb cannot hold on where the climb starts; None where it can, wherever its hold may be."""
     contact, own, start = problem.contacts[problem.start_contacts[limb]], problem.limb_masses[limb].limb, problem.start
     place = rotation_from_rpy(start.rpy_rad).T @ (contact.centre_h_m - start.position_m)
-    inner = problem.limb_reach.inner
     reached = within_limits(own, start, contact.pose)
-    if problem.nominal is not None:
-        reached &= bool((inner.beyond(limb, place) <= 0.0).all())
+    if reached and scenario.uncertainty is not None and contact.bears:
+        if all(within_limits(own, start, there) for there in _moved(contact, scenario.uncertainty)):
+            return None
+        known = scenario.uncertainty
+        off = f"{1e3 * known.hold_position_m:g} mm along each of its axes and {known.hold_yaw_deg:g} degrees off"
+        return f"out of reach within the joint limits where the hold is {off}, as it may be"
     if reached or not (contact.bears or own.closed_form):
         return None
     if (off_rad := missing_turn_rad(own, start, contact.pose)) > 0:
@@ -58,6 +65,7 @@ def _missing_reach(scenario: Scenario, problem: Problem, limb: int) -> str | Non
     outside, turn = _outside_m(scenario, problem, limb), np.degrees(contact.yaw_rad - start.rpy_rad[2])
     text = f"out of reach by {1000 * outside:.0f} mm" if outside > 0 else "out of reach"
     text += f" within the joint limits with the gripper turned by {turn:.0f} degrees to the body"
+    inner = problem.limb_reach.inner
     centre, half = inner.centre_b_m[limb], inner.half_m
     axis = int(np.argmax(np.abs(place - centre) - half))
     low, high = centre[axis] - half[axis], centre[axis] + half[axis]
@@ -65,6 +73,17 @@ def _missing_reach(scenario: Scenario, problem: Problem, limb: int) -> str | Non
         return text
     at = f"{'xyz'[axis]} = {place[axis]:.3f} m in the body frame"
     return f"{text}: it would be at {at}; {low:.3f}..{high:.3f} m is the middle of what {LIMB_NAMES[limb]} reaches"
+
+
+def _moved(contact: Contact, known: Uncertainty) -> Iterator[Array]:
+    """Poses (5 or 7,) of a gripper that holds on where its hold is as far off as it may be."""
+    pose, off_m, turned_rad = contact.pose, known.hold_position_m, known.hold_yaw_rad
+    surface = gripper_rotation(0.0, np.zeros(2) if contact.tilt_rad is None else contact.tilt_rad)[:, :2]
+    for x, y, turned in itertools.product((-off_m, off_m), (-off_m, off_m), (-turned_rad, turned_rad)):
+        there = pose.copy()
+        there[:3] += surface @ [x, y]
+        there[3] += turned
+        yield there
 
 
 def check_clear(scenario: Scenario, problem: Problem, robot: Robot) -> None:

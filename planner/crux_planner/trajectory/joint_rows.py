@@ -143,7 +143,7 @@ class JointFunctions(StageFunctions):
         known = self._known.get(id(schedule))
         if known is None or known[0] is not schedule:
             path = self.limits.path[1:, :POSE]
-            given = path, hands_of(schedule.poses[1:]), np.full(len(path), OFF_M)
+            given = path, hands_of(schedule.poses[1:]), np.full(len(path), OFF_M + self.problem.unsure_m)
             known = self._known[id(schedule)] = schedule, planes_about(self.ends, *given)
         return known[1]
 

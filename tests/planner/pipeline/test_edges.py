@@ -12,7 +12,7 @@ import yaml
 from at_pace import is_quick
 from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import ScenarioError
+from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_msgs import plan_t
 from crux_planner.checker import check_plan
 from crux_planner.errors import HorizonError
@@ -20,6 +20,7 @@ from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.session import Session
 from crux_tools.paths import ROOT
 from edges import CHIMNEY, CONCAVE, CONVEX, chimney, edge, over_a_ledge
+from shared_plans import unproven
 
 ROBOT, WALLS = load_robot("scaler"), ROOT / "benchmarks" / "walls"
 LF = 0
@@ -113,17 +114,27 @@ def test_a_trunk_that_would_start_in_a_surface_is_named() -> None:
         crux_planner.plan(wall, ROBOT)
 
 
-@pytest.mark.parametrize(
-    ("more", "method", "says"),
-    [
-        ({"uncertainty": {"friction": 0.1}}, "auto", "uncertainty: is not supported yet where left-"),
-        ({}, "two_block", "planner.method: two_block: expected auto: left-"),
-    ],
-)
-def test_what_is_not_there_yet_is_refused(more: dict[str, object], method: str, says: str) -> None:
-    with pytest.raises(ScenarioError) as error:
-        crux_planner.plan(edge(*CONVEX) | more, ROBOT, method=method)
-    assert says in str(error.value)
+def test_the_papers_methods_are_about_one_endless_wall() -> None:
+    with pytest.raises(ScenarioError, match=r"planner\.method: two_block: expected auto: left-"):
+        crux_planner.plan(edge(*CONVEX), ROBOT, method="two_block")
+
+
+def test_limbs_in_a_corner_keep_off_the_trunk_wherever_holds_are() -> None:
+    """With holds off by as much as links otherwise keep off the trunk, and its start farther than boxes of reach go."""
+    known = {"friction": 0.2, "hold_position_m": 0.005, "hold_yaw_deg": 3.0, "mass_kg": 0.5, "centre_of_mass_m": 0.01}
+    for name in ("corner-90", "ridge-60"):
+        wall = yaml.safe_load((WALLS / f"{name}.yaml").read_text(encoding="utf-8")) | {"uncertainty": known}
+        result = unproven(parse_scenario(wall), ROBOT, time_limit_s=40.0)
+        assert result.check.ok
+        assert any(each.constraint.endswith("_uncertain") for each in result.check.worst)
+
+
+def test_a_start_out_of_reach_where_holds_may_be_is_named() -> None:
+    known = {"hold_position_m": 0.05, "hold_yaw_deg": 30.0}
+    wall = yaml.safe_load((WALLS / "edge-90.yaml").read_text(encoding="utf-8")) | {"uncertainty": known}
+    said = r"start\.grasps\.LR\.hold: left-0: out of reach within the joint limits where the hold is 50 mm"
+    with pytest.raises(ScenarioError, match=said):
+        crux_planner.plan(wall, ROBOT)
 
 
 def test_a_palm_that_would_be_in_a_surface_is_named() -> None:

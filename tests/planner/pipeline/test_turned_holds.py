@@ -105,25 +105,9 @@ def test_a_turned_obstacle_is_in_the_way_where_it_is() -> None:
     assert any(name.startswith("clearance_") for name in found)
 
 
-@pytest.mark.parametrize(
-    ("more", "method", "says"),
-    [
-        (
-            {"uncertainty": {"friction": 0.1}},
-            "auto",
-            "uncertainty: is not supported yet where left-front-low is turned",
-        ),
-        (
-            {},
-            "two_block",
-            "planner.method: two_block: expected auto: left-front-low is turned",
-        ),
-    ],
-)
-def test_what_is_not_there_yet_is_refused(more: dict[str, object], method: str, says: str) -> None:
-    with pytest.raises(ScenarioError) as error:
-        crux_planner.plan(turned() | more, ROBOT, method=method)
-    assert says in str(error.value)
+def test_the_papers_methods_are_about_upright_holds() -> None:
+    with pytest.raises(ScenarioError, match=r"planner\.method: two_block: expected auto: left-front-low is turned"):
+        crux_planner.plan(turned(), ROBOT, method="two_block")
 
 
 def test_a_finger_that_would_be_in_the_wall_is_named() -> None:

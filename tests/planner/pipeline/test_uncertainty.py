@@ -10,7 +10,9 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner.checker import check_plan
 from crux_tools.paths import SCENARIOS
+from scipy.spatial.transform import Rotation
 from shared_plans import unproven
+from turned import turned
 from walls import one_move, scenario
 
 KNOWN = {"friction": 0.2, "hold_position_m": 0.005, "hold_yaw_deg": 3.0, "mass_kg": 1.0, "centre_of_mass_m": 0.02}
@@ -37,14 +39,16 @@ def excess_N(plan: Any, robot: Robot, draws: int) -> float:
         fingers = np.array([limb.finger_force_w_n for limb in held]).reshape(-1, 2, 3)
         moment = np.array([limb.finger_moment_w_nm for limb in held]).reshape(-1, 2, 3).sum(axis=1)
         yaw = np.array([limb.gripper_yaw_w_rad for limb in held])
-        axis = np.stack([np.cos(yaw), np.sin(yaw), 0 * yaw], axis=1)
+        tilt = Rotation.from_rotvec([[*limb.gripper_tilt_w_rad, 0.0] for limb in held])
+        axis = tilt.apply(np.stack([np.cos(yaw), np.sin(yaw), 0 * yaw], axis=1))
         force = fingers.sum(axis=1)
         total, about = force.sum(axis=0), (np.cross(place, force) + moment).sum(axis=0)
         centre = np.cross(total, about) / (total @ total)  # up to a part along the force, which turns nothing
         normals = np.einsum("lfi,li,f->lf", fingers, axis, [1.0, -1.0])
         for _ in range(draws):
             mass, aside = 1.0 + random.choice([-1, 1]) / robot.total_mass_kg, random.choice([-1, 1], 3) * 0.02
-            moved = place + np.append(random.choice([-1, 1], (len(held), 2)) * 0.005, np.zeros((len(held), 1)), axis=1)
+            off = np.append(random.choice([-1, 1], (len(held), 2)) * 0.005, np.zeros((len(held), 1)), axis=1)
+            moved = place + tilt.apply(off)
             wanted = np.append(mass * total, np.cross(centre + aside, mass * total))
             lack = wanted - np.append(total, (np.cross(moved, force) + moment).sum(axis=0))
             columns = np.concatenate(
@@ -57,11 +61,12 @@ def excess_N(plan: Any, robot: Robot, draws: int) -> float:
             )
             change = np.linalg.lstsq(columns.T, lack, rcond=None)[0].reshape(-1, 4)
             there = yaw + np.radians(3.0) * random.choice([-1, 1], len(held))
-            out = np.stack([np.cos(there), np.sin(there), 0 * there], axis=1)
-            across = np.stack([-out[:, 1], out[:, 0], 0 * there], axis=1)
+            out = tilt.apply(np.stack([np.cos(there), np.sin(there), 0 * there], axis=1))
+            up = tilt.apply(np.tile([0.0, 0.0, 1.0], (len(held), 1)))
             now = force + change[:, :3]
             twist = ((moment + length * change[:, 3:] * axis) * out).sum(axis=1)
-            load = np.abs(0.5 * np.stack([(now * across).sum(axis=1), now[:, 2], twist], axis=1))
+            shear = [(now * way).sum(axis=1) for way in (np.cross(up, out), up)]
+            load = np.abs(0.5 * np.stack([*shear, twist], axis=1))
             rest = np.maximum(load - SPINES, 0.0) / [1.0, 1.0, plan.patch_k_m]
             pull = (now * out).sum(axis=1) - (force * axis).sum(axis=1)
             for normal in (normals[:, 0] + pull / 2, normals[:, 1] - pull / 2):
@@ -69,9 +74,10 @@ def excess_N(plan: Any, robot: Robot, draws: int) -> float:
     return worst
 
 
-def test_a_plan_for_the_uncertain_holds_where_the_usual_one_does_not(robot: Robot) -> None:
+@pytest.mark.parametrize("given", [wall(), turned()], ids=["upright", "turned"])
+def test_a_plan_for_the_uncertain_holds_where_the_usual_one_does_not(given: dict[str, Any], robot: Robot) -> None:
     as_many = {"planner": {"idle": "keep"}}  # steps, so that costs compare
-    usual, sure = (unproven(scenario(wall(**more, **as_many)), robot) for more in ({}, {"uncertainty": KNOWN}))
+    usual, sure = (unproven(scenario({**given, **more, **as_many}), robot) for more in ({}, {"uncertainty": KNOWN}))
     assert sure.check.ok
     assert excess_N(sure.plan, robot, DRAWS) < BETWEEN_N
     assert excess_N(usual.plan, robot, DRAWS) > 1.0
