@@ -16,16 +16,17 @@ from crux_planner.model.problem import Problem
 from crux_planner.physics.limit_surface import finger_forces
 
 _UNITS = np.array([[1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 0.5, -0.5]], dtype=float)
+_SQUEEZE = np.array([0.0, 0.0, 0.0, 1.0, 1.0])
 _ROUNDS, _LACK = 20, 1e-9  # of more load, until no more than this lacks [N, N m]: squeezed pads turn on leaning faces
 
 
-def bear_more(plan: plan_t, lack: Array, problem: Problem) -> None:
+def bear_more(plan: plan_t, lack: Array, problem: Problem, squeeze_N: Array | None = None) -> None:
     """The plan with so much more force and moment about its centre of mass, `lack` (N, 6) in W, on the robot, in place:
-    the least change, and fingers squeeze as much more as friction needs for it.
+    the least change, and fingers squeeze as much more as friction needs for it, and by `squeeze_N` (N, 4) besides.
     """
     loads = _Loads(plan, problem)
     for k, wrench in enumerate(lack):
-        loads.change(k, wrench)
+        loads.change(k, wrench, np.zeros(4) if squeeze_N is None else squeeze_N[k])
     forces, moments = loads.forces, loads.moments
     forces[-1], moments[-1] = forces[-2], moments[-2]
     for k, limb in np.argwhere(loads.series.stance):
@@ -50,9 +51,13 @@ class _Loads:
         self.lean_rad = np.stack([leans[series.hold, series.finger1_face ^ side] for side in (0, 1)], axis=-1)
         self.lean_rad[~series.stance] = 0.0
 
-    def change(self, k: int, lack: Array) -> None:
-        """By `lack` (6,) more force on the robot and moment about its centre of mass from a knot on."""
+    def change(self, k: int, lack: Array, squeeze_N: Array) -> None:
+        """By `lack` (6,) more force on the robot and moment about its centre of mass from a knot on, and by how much
+        harder (4,) fingers squeeze.
+        """
         held: list[int] = np.flatnonzero(self.series.stance[k]).tolist()
+        for limb in np.flatnonzero(squeeze_N).tolist():
+            lack = lack - self._add(k, limb, squeeze_N[limb] * _SQUEEZE) if limb in held else lack
         least = np.linalg.pinv(np.concatenate([self._effect(k, limb, _UNITS) for limb in held]).T)
         for _ in range(_ROUNDS):
             if float(np.abs(lack).max()) <= _LACK:
@@ -60,10 +65,14 @@ class _Loads:
             for limb, (shear, lift, twist, push) in zip(held, (least @ lack).reshape(-1, 4), strict=True):
                 squeeze = abs(push) / 2 + self._squeeze(k, limb, np.array([shear, lift, twist]))
                 q = np.array([shear, lift, twist, squeeze + push / 2, squeeze - push / 2])
-                lack = lack - self._effect(k, limb, q)
-                forces, moments = self._fingers(k, limb, q)
-                self.forces[k, limb] += forces
-                self.moments[k, limb] += moments
+                lack = lack - self._add(k, limb, q)
+
+    def _add(self, k: int, limb: int, q: Array) -> Array:
+        """Adds q (5,) to what the fingers of a limb do; its effect."""
+        forces, moments = self._fingers(k, limb, q)
+        self.forces[k, limb] += forces
+        self.moments[k, limb] += moments
+        return self._effect(k, limb, q)
 
     def _squeeze(self, k: int, limb: int, load: Array) -> float:
         """How much harder fingers press for as much more shear, lift and twist (3,) of each; spines alone do not."""

@@ -10,7 +10,7 @@ where it refuses the plan, the intervals around take longer.
 from dataclasses import replace
 
 import numpy as np
-from crux_contracts import N_LIMBS
+from crux_contracts import LIMB_NAMES, N_LIMBS
 from crux_contracts.interpolation import LOAD_SPAN, UNLOAD_SPAN, SwingShares, swing_shares
 from crux_contracts.plan_file import plan_id
 from crux_contracts.plan_series import PlanSeries, plan_series
@@ -52,19 +52,21 @@ def paced(result: PlanResult, scenario: Scenario, robot: Robot, work: Work) -> P
 def _paced(result: PlanResult, scenario: Scenario, robot: Robot, plan_format: int) -> PlanResult | None:
     problem = build_problem(scenario, robot)
     plan = plan_t.decode(result.plan.encode())
-    _narrow_fingers(plan, robot)
-    plan.format = plan_format
+    _narrow_fingers(plan, robot.pace.opening_clearance_m)
+    plan.format, squeeze_N = plan_format, np.zeros((len(plan.knots) - 1, N_LIMBS))
     least_s = STRETCH[scenario.planner.objective] * least_times_s(plan_series(plan), robot, swing_shares(plan_format))
     for _ in range(ROUNDS):
         quick = plan_t.decode(plan.encode())
-        set_times(quick, least_s, problem)
+        set_times(quick, least_s, problem, squeeze_N)
         report = check_plan(quick, robot)
         if report.ok:
             assert report.cost is not None  # of climbs
             quick.cost = report.cost
             quick.plan_id = plan_id(quick)
             return replace(result, plan=quick, check=report, cost=report.cost, gap=None, nominal_cost=None)
-        if not _lengthen(least_s, report):
+        at = _intervals(quick, report)
+        longer = _lengthen(least_s, report, at)
+        if not _squeeze(squeeze_N, report, at, plan_series(quick).friction) and not longer:
             break
     return None
 
@@ -98,8 +100,10 @@ def least_times_s(series: PlanSeries, robot: Robot, shares: SwingShares) -> Arra
     return least_s
 
 
-def set_times(plan: plan_t, step_s: Array, problem: Problem) -> None:
-    """The plan with these times of its intervals (N,), in place: velocities, and wrenches that balance the body."""
+def set_times(plan: plan_t, step_s: Array, problem: Problem, squeeze_N: Array | None = None) -> None:
+    """The plan with these times of its intervals (N,), in place: velocities, and wrenches that balance the body, while
+    fingers squeeze by (N, 4) harder.
+    """
     series = plan_series(plan)
     slower = np.diff(series.time_s) / step_s
     slower = np.append(slower, slower[-1])
@@ -112,7 +116,7 @@ def set_times(plan: plan_t, step_s: Array, problem: Problem) -> None:
     ]
     turned = rotation_from_rpy(series.body_rpy_rad[:-1])
     twist = np.einsum("kij,kj->ki", turned, spun[0] - spun[1])
-    bear_more(plan, np.hstack([problem.mass_kg * push, twist]), problem)
+    bear_more(plan, np.hstack([problem.mass_kg * push, twist]), problem, squeeze_N)
     times = np.concatenate([[0.0], np.cumsum(step_s)])
     for k, knot in enumerate(plan.knots):
         knot.time_s = float(times[k])
@@ -121,7 +125,7 @@ def set_times(plan: plan_t, step_s: Array, problem: Problem) -> None:
     plan.plan_id = plan_id(plan)
 
 
-def _narrow_fingers(plan: plan_t, robot: Robot) -> None:
+def _narrow_fingers(plan: plan_t, clearance_m: float) -> None:
     """Opens fingers in a swing no wider than the hold that is near and the clearance need, in place."""
     series = plan_series(plan)
     for swing in series.swings():
@@ -130,27 +134,48 @@ def _narrow_fingers(plan: plan_t, robot: Robot) -> None:
         widths_m = np.linspace(ends_m[0], ends_m[1], len(knots)) if len(knots) > 1 else [ends_m.max()]
         for k, width_m in zip(knots, widths_m, strict=True):
             limb = plan.knots[k].limbs[swing.limb]
-            limb.finger_separation_m = min(limb.finger_separation_m, width_m + 2 * robot.pace.opening_clearance_m)
+            limb.finger_separation_m = min(limb.finger_separation_m, width_m + 2 * clearance_m)
 
 
-def _lengthen(step_s: Array, report: CheckReport) -> bool:
-    """Lengthens the intervals about what the checker found, in place; False where it found what takes no time.
+def _intervals(plan: plan_t, report: CheckReport) -> list[list[int]]:
+    """About each violation the intervals of a plan; none where it has no time."""
+    times, last = [knot.time_s for knot in plan.knots], len(plan.knots) - 2
+    found = list[list[int]]()
+    for violation in report.violations:
+        at = 0 if violation.time_s is None else int(np.searchsorted(times, violation.time_s + 1e-9)) - 1
+        near = range(max(at - 1, 0), min(at + 1, last) + 1)
+        found.append([] if violation.time_s is None else list(near))
+    return found
+
+
+def _lengthen(step_s: Array, report: CheckReport, at: list[list[int]]) -> bool:
+    """Lengthens the intervals `at` what the checker found, in place; False where that leaves them as they are.
 
     Where the body passes between two knots depends on how the intervals beside compare: what is about its way alone
     is answered by intervals of one length, between which it passes as it does with even steps.
     """
-    times = np.concatenate([[0.0], np.cumsum(step_s)])
-    slower, evened = set[int](), list[set[int]]()
-    for violation in report.violations:
-        if violation.time_s is None:
-            continue
-        at = int(np.clip(np.searchsorted(times, violation.time_s + 1e-9) - 1, 0, len(step_s) - 1))
-        near = {k for k in (at - 1, at, at + 1) if 0 <= k < len(step_s)}
+    before, slower, evened = step_s.copy(), set[int](), list[list[int]]()
+    for violation, near in zip(report.violations, at, strict=True):
         if violation.constraint.startswith(OF_THE_WAY):
             evened.append(near)
         else:
-            slower |= near
+            slower |= {*near}
     step_s[sorted(slower)] *= LONGER
     for near in evened:
-        step_s[sorted(near)] = step_s[sorted(near)].max()
-    return bool(slower or evened)
+        step_s[near] = step_s[near].max(initial=0.0)
+    return bool((step_s != before).any())
+
+
+def _squeeze(squeeze_N: Array, report: CheckReport, at: list[list[int]], friction: Array) -> bool:
+    """Makes fingers that the checker found beyond their limit surface `at` some intervals squeeze harder, in place,
+    by what lacks there; `friction` (K, 4). Whether any do.
+    """
+    before = squeeze_N.copy()
+    for violation, near in zip(report.violations, at, strict=True):
+        if not violation.constraint.startswith("limit_surface") or violation.limb is None:
+            continue
+        limb = LIMB_NAMES.index(violation.limb)
+        for k in near:
+            if friction[k, limb] > 0.0:
+                squeeze_N[k, limb] += violation.amount / friction[k, limb]
+    return bool((squeeze_N != before).any())

@@ -21,7 +21,7 @@ from crux_planner.pipeline.message import PlanResult
 from leaning import leaning
 from walls import one_move
 
-ROBOT = load_robot("scaler")
+ROBOT, LF = load_robot("scaler"), 0
 WALL = leaning({"+x": 30, "-x": 30}, one_move(slope_deg=90.0))
 
 
@@ -56,11 +56,14 @@ def test_fingers_on_faces_that_lean_unlike_bear_just_what_is_asked_for() -> None
     plan = plan_t.decode(planned().plan.encode())
     for hold in plan.holds:
         hold.lean_rad = [hold.lean_rad[0], 0.2, *hold.lean_rad[2:]]
-    before, asked = plan_series(plan).wrench, np.zeros((len(plan.knots) - 1, 6))
-    asked[0] = [0.0, 0.0, 0.0, 0.5, 0.3, -0.4]
-    bear_more(plan, asked, build_problem(parse_scenario(plan.scenario_yaml), ROBOT))
+    before, asked = plan_series(plan), np.zeros((len(plan.knots) - 1, 6))
+    asked[0], harder = [0.0, 0.0, 0.0, 0.5, 0.3, -0.4], np.zeros((len(asked), 4))
+    harder[0, LF] = 3.0
+    bear_more(plan, asked, build_problem(parse_scenario(plan.scenario_yaml), ROBOT), harder)
     after = plan_series(plan)
-    more = after.wrench - before
+    pressed = [each.finger_force_n[0, LF] @ each.opening_axis[0, LF] * [1.0, -1.0] for each in (before, after)]
+    assert (pressed[1] > pressed[0] + 2.9).all()
+    more = after.wrench - before.wrench
     more[..., 3:] += np.cross(after.gripper_position_m, more[..., :3])
     assert more[0].sum(axis=0) == pytest.approx(asked[0], abs=1e-6)
     assert np.abs(more[1:]).max() == 0.0

@@ -14,7 +14,7 @@ from crux_contracts.scenario import load_scenario, parse_scenario
 from crux_msgs import plan_t
 from crux_planner.checker import CheckReport, check_plan
 from crux_planner.checker.report import Violation
-from crux_planner.pipeline.pace import _lengthen
+from crux_planner.pipeline.pace import _lengthen, _squeeze
 from crux_planner.pipeline.replan import Planner
 from crux_tools.cli import main
 
@@ -42,11 +42,21 @@ def test_what_no_time_changes_is_answered_by_even_intervals_and_the_rest_by_long
     def lengthened(constraint: str) -> list[float]:
         step_s = np.array([0.2, 0.4, 1.0, 0.3, 0.2])
         found = Violation(constraint, "LF", None, 0.5, 0.01, "rad")  # in the second interval
-        assert _lengthen(step_s, CheckReport(violations=[found]))
+        assert _lengthen(step_s, CheckReport(violations=[found]), [[0, 1, 2]])
         return [float(v) for v in step_s]
 
     assert lengthened("joint_position") == [1.0, 1.0, 1.0, 0.3, 0.2]
     assert lengthened("joint_speed") == pytest.approx([0.24, 0.48, 1.2, 0.3, 0.2])
+
+
+def test_fingers_beyond_their_limit_surface_squeeze_by_what_lacks() -> None:
+    lacks = Violation("limit_surface_uncertain", "RF", 2, 0.5, 0.3, "N")
+    squeeze_N, friction = np.zeros((5, 4)), np.full((6, 4), 1.5)
+    assert _squeeze(squeeze_N, CheckReport(violations=[lacks]), [[0, 1, 2]], friction)
+    assert squeeze_N[:, 1] == pytest.approx([0.2, 0.2, 0.2, 0.0, 0.0])
+    assert np.abs(squeeze_N[:, [0, 2, 3]]).max() == 0.0
+    other = Violation("joint_speed", "RF", None, 0.5, 0.3, "rad/s")
+    assert not _squeeze(squeeze_N, CheckReport(violations=[other]), [[0, 1, 2]], friction)
 
 
 def test_the_objective_of_a_walk_is_left_out_aloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
