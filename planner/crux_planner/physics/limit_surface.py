@@ -148,19 +148,19 @@ def finger_forces(
     return forces, twist[..., None] * faces_h * np.array([[1.0], [-1.0]]) + np.cross(touch_h, forces)
 
 
-def finger_inputs(force_h: Array, moment_h: Array, yaw_rad: Array, touch_h: Array | None = None) -> Array:
-    """q = (s1, s2, m, n1, n2), shape (..., 5), of fingers' forces and moments (..., 2, 3): `finger_forces` undone.
-
-    `yaw_rad` (...) is that of the gripper: its opening axis e is at this angle from the frame's x. Twists are about the
-    faces' normals, which may lean off e: then `touch_h` (..., 2, 3) is where the pads touch.
-    """
-    if touch_h is not None:
-        moment_h = moment_h - np.cross(touch_h, force_h)
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    first, second = force_h[..., 0, :], force_h[..., 1, :]
-    shear = c * first[..., 1] - s * first[..., 0]
-    twist, off = c * moment_h[..., 0, 0] + s * moment_h[..., 0, 1], moment_h[..., 0, 2]
-    if touch_h is not None:
-        twist = np.copysign(np.hypot(twist, off), twist)
-    press = [sign * (c * f[..., 0] + s * f[..., 1]) for sign, f in ((1.0, first), (-1.0, second))]
-    return np.stack([shear, first[..., 2], twist, *press], axis=-1)
+def finger_inputs(
+    force_h: Array,
+    moment_h: Array,
+    normal_h: Array,
+    tangent_h: Array,
+    leaning_h: tuple[Array, Array] | None = None,
+    up_h: Array = _Z,
+) -> Array:
+    """q = (s1, s2, m, n1, n2), shape (..., 5), of fingers' forces and moments (..., 2, 3): `finger_forces` undone."""
+    faces_h, first = normal_h, force_h[..., 0, :]
+    twisting = moment_h[..., 0, :]
+    if leaning_h is not None:
+        faces_h, twisting = leaning_h[0][..., 0, :], twisting - np.cross(leaning_h[1][..., 0, :], first)
+    presses = first, -force_h[..., 1, :]
+    parts = [(first, tangent_h), (first, up_h), (twisting, faces_h), *((press, normal_h) for press in presses)]
+    return np.stack([(part * along).sum(axis=-1) for part, along in parts], axis=-1)

@@ -12,7 +12,6 @@ from crux_planner.checker import check_plan
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.build import start_inertia
-from crux_planner.model.hands import TILTED
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import Pose, Problem
 from crux_planner.model.schedule import Schedule
@@ -30,10 +29,10 @@ WAY_S = 10.0  # of CPU for each way that a part is tried by
 
 def plan_by_parts(climb: Climb) -> PlanResult | None:
     """A checked plan; None where a part is not found in time, has a grasp that the climb has not, or together they take
-    more steps than it may; and where the way is short, its holds are tilted or it follows surfaces.
+    more steps than it may; and where the way is short or the body follows surfaces.
     """
     session, work = climb.session, climb.work
-    if climb.problem.follows or climb.problem.hand_numbers == TILTED:
+    if climb.problem.follows:
         return None
     with work.part("parts", 0.3):
         parts = _parts(climb)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from crux_contracts.gripper_frames import gripper_rotation, yaw_and_tilt
 from crux_contracts.scenario import Scenario
 from crux_msgs import hold_t, limb_knot_t, plan_t
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.kinematics import rotation_from_rpy
 
 _SAME = 1e-9  # m, rad: what lies within is where it was
 
@@ -36,22 +37,26 @@ class _Moved:
 
     def __init__(self, hold: hold_t, scenario: Scenario) -> None:
         there = scenario.holds[scenario.hold_index(hold.name)]
-        self.was_m, self.is_m = np.array(hold.position_w_m[:2]), np.array(there.position_m[:2])
-        self.turned_rad = math.remainder(there.yaw_rad - hold.yaw_rad, math.tau)
+        was = rotation_from_rpy(np.array([*hold.tilt_rad, hold.yaw_rad]))
+        self.was_m, self.is_m = np.array(hold.position_w_m), np.array([*there.position_m, there.foot_z_m])
+        self.turn = rotation_from_rpy(np.array([*there.tilt_rad, there.yaw_rad])) @ was.T
 
-    def way_m(self, place_m: Array) -> Array:
-        """(2,) by which a place that goes with the hold moves along the wall."""
-        c, s = math.cos(self.turned_rad), math.sin(self.turned_rad)
-        seen = place_m - self.was_m
-        turned: Array = np.array([c * seen[0] - s * seen[1], s * seen[0] + c * seen[1]])
-        return np.asarray(self.is_m + turned - place_m)
+    @property
+    def has_moved(self) -> bool:
+        """Whether it is not where it was."""
+        return bool(max(np.abs(self.is_m - self.was_m).max(), np.abs(self.turn - np.eye(3)).max()) > _SAME)
+
+    def way(self, grip: Array) -> Array:
+        """(6,) by which a gripper (6,) that goes with the hold moves: place, yaw and tilt."""
+        place_m = self.is_m + self.turn @ (grip[:3] - self.was_m)
+        yaw_rad, tilt_rad = yaw_and_tilt(self.turn @ gripper_rotation(grip[3], grip[4:]))
+        return np.array([*(place_m - grip[:3]), math.remainder(yaw_rad - grip[3], math.tau), *(tilt_rad - grip[4:])])
 
 
 def _has_moved(hold: hold_t, scenario: Scenario) -> bool:
     if not hold.graspable or hold.name not in [each.name for each in scenario.holds]:
         return False
-    moved = _Moved(hold, scenario)
-    return bool(np.abs(moved.is_m - moved.was_m).max() > _SAME or abs(moved.turned_rad) > _SAME)
+    return _Moved(hold, scenario).has_moved
 
 
 def _between(held: list[int], k: int) -> list[tuple[int, float]]:
@@ -72,16 +77,9 @@ def _between(held: list[int], k: int) -> list[tuple[int, float]]:
 
 
 def _move(grip: limb_knot_t, ways: list[tuple[_Moved | None, float]]) -> None:
-    place, yaw_rad, tilt_rad = (
-        list(grip.gripper_position_w_m),
-        grip.gripper_yaw_w_rad,
-        np.array(grip.gripper_tilt_w_rad),
-    )
-    here = np.array(place[:2])
+    here = np.array([*grip.gripper_position_w_m, grip.gripper_yaw_w_rad, *grip.gripper_tilt_w_rad])
     for moved, share in ways:
         if moved is not None:
-            way_m = share * moved.way_m(here)
-            place = [place[0] + float(way_m[0]), place[1] + float(way_m[1]), place[2]]
-            yaw_rad += share * moved.turned_rad
-            tilt_rad = rotation_z(share * moved.turned_rad)[:2, :2] @ tilt_rad
-    grip.gripper_position_w_m, grip.gripper_yaw_w_rad, grip.gripper_tilt_w_rad = place, yaw_rad, tilt_rad.tolist()
+            here = here + share * moved.way(here)
+    grip.gripper_position_w_m, grip.gripper_tilt_w_rad = here[:3].tolist(), here[4:].tolist()
+    grip.gripper_yaw_w_rad = float(here[3])

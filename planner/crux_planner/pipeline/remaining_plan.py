@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.contacts import Contact
 from crux_planner.model.hands import TILTED
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem
@@ -68,19 +69,19 @@ class RemainingPlan:
 
 
 def read_remaining(problem: Problem, running: Any, first: int) -> RemainingPlan | None:
-    """A running plan from knot `first` on, None where a grasp of it is none of the problem's, or some are tilted.
+    """A running plan from knot `first` on, None where a grasp of it is none of the problem's.
 
     `problem` starts in that knot's stance, in the heading frame H of the plan's wall.
     """
-    if problem.hand_numbers == TILTED:
-        return None
     knots = running.knots[first:]
     to_h = rotation_z(-problem.heading_rad)
-    poses = np.zeros((len(knots), 4, 5))
+    poses = np.zeros((len(knots), 4, 7 if problem.hand_numbers == TILTED else 5))
     limbs = [limb for knot in knots for limb in knot.limbs]
     poses[..., :3] = _numbers(limbs, "gripper_position_w_m").reshape(-1, 4, 3) @ to_h.T
     poses[..., 3] = _numbers(limbs, "gripper_yaw_w_rad").reshape(-1, 4) - problem.heading_rad
     poses[..., 4] = _numbers(limbs, "finger_separation_m").reshape(-1, 4) / 2
+    if problem.hand_numbers == TILTED:
+        poses[..., 5:] = _numbers(limbs, "gripper_tilt_w_rad").reshape(-1, 4, 2) @ to_h[:2, :2].T
     contacts = _contacts(problem, running, knots, poses)
     if contacts is None:
         return None
@@ -95,10 +96,22 @@ def read_remaining(problem: Problem, running: Any, first: int) -> RemainingPlan 
     )
     force = _numbers(limbs, "finger_force_w_n").reshape(-1, 4, 2, 3) @ to_h.T
     moment = _numbers(limbs, "finger_moment_w_nm").reshape(-1, 4, 2, 3) @ to_h.T
-    inputs = finger_inputs(force, moment, poses[..., 3])
-    wrenches = [{limb: inputs[k, limb] for limb in range(4) if now[limb] is not None} for k, now in enumerate(contacts)]
+    wrenches = [
+        {
+            limb: _inputs(problem.contacts[c], force[k, limb], moment[k, limb])
+            for limb, c in enumerate(now)
+            if c is not None
+        }
+        for k, now in enumerate(contacts)
+    ]
     schedule = Schedule(_moves(contacts, body), contacts, poses)
     return RemainingPlan(schedule, Start(body, wrenches[:-1], near=True))
+
+
+def _inputs(contact: Contact, force_h: Array, moment_h: Array) -> Array:
+    """q (5,) of the fingers' forces and moments (2, 3) on a contact."""
+    leaning = (contact.normals, contact.touch_m) if contact.leans else None
+    return finger_inputs(force_h, moment_h, contact.axis, contact.tangent, leaning, contact.up)
 
 
 def _contacts(problem: Problem, running: Any, knots: list[Any], poses: Array) -> list[list[int | None]] | None:

@@ -70,8 +70,8 @@ def test_forces_and_moments_are_those_at_the_places_where_pads_touch() -> None:
     touch = faces + contact.touch_m
     twists = np.outer(q[2] * np.array([1.0, -1.0]), [1, 1, 1]) * contact.normals
     assert about_origin == pytest.approx((np.cross(touch, forces) + twists).sum(axis=0))
-    yaw = np.array(contact.yaw_rad)
-    assert finger_inputs(forces, moments, yaw, contact.touch_m) == pytest.approx(q)
+    leaning = contact.normals, contact.touch_m
+    assert finger_inputs(forces, moments, contact.axis, contact.tangent, leaning) == pytest.approx(q)
 
 
 @pytest.mark.parametrize("lean_deg", [0.0, 20.0, 45.0])

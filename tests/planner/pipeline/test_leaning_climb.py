@@ -18,6 +18,7 @@ from crux_planner.checker import check_plan
 from crux_planner.model.build import build_problem
 from crux_planner.pipeline.grip_loads import bear_more
 from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.replan import Planner
 from leaning import leaning
 from walls import one_move
 
@@ -67,6 +68,12 @@ def test_fingers_on_faces_that_lean_unlike_bear_just_what_is_asked_for() -> None
     more[..., 3:] += np.cross(after.gripper_position_m, more[..., :3])
     assert more[0].sum(axis=0) == pytest.approx(asked[0], abs=1e-6)
     assert np.abs(more[1:]).max() == 0.0
+
+
+def test_its_own_moves_are_planned_again_quickly() -> None:
+    again = Planner(WALL, ROBOT).replan(planned().plan, 0.0, quick=True)
+    assert again.check.ok
+    assert again.cost < 1.05 * planned().cost
 
 
 def test_a_wall_with_other_faces_is_not_the_plans() -> None:

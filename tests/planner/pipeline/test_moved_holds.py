@@ -11,14 +11,16 @@ import numpy as np
 import pytest
 from crux_contracts.plan_route import join_knot, joined
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import Scenario
+from crux_contracts.scenario import Scenario, parse_scenario
 from crux_msgs import limb_knot_t
 from crux_planner.checker import check_plan
 from crux_planner.errors import InfeasibleError
 from crux_planner.pipeline.moved_holds import on_moved_holds
 from crux_planner.pipeline.replan import Planner
 from crux_planner.pipeline.restart import stances
+from scipy.spatial.transform import Rotation
 from shared_plans import unproven
+from turned import turned
 from walls import scenario, two_rows
 
 SHIFT_M, TURN_DEG = (0.009, -0.006), 4.0
@@ -58,6 +60,33 @@ def test_grips_go_with_the_hold_that_has_moved_and_no_other_does() -> None:
         assert complex(*new.gripper_position_w_m[:2]) == pytest.approx(there, abs=1e-9)
         assert new.gripper_yaw_w_rad - old.gripper_yaw_w_rad == pytest.approx(turned, abs=1e-9)
         assert new.gripper_position_w_m[2] == old.gripper_position_w_m[2]
+    assert met
+
+
+def test_a_grip_on_a_turned_hold_goes_with_it_out_of_the_walls_plane() -> None:
+    """9 mm off along x, 5 mm along z, and tilted by 6 degrees more."""
+    moved, before = turned(), unproven(parse_scenario(turned()), load_robot("scaler")).plan
+    hold = next(each for each in moved["holds"] if each["name"] == before.holds[MOVED].name)
+    hold["pose"]["position_m"] = list(np.add(hold["pose"]["position_m"], [0.009, 0.0, 0.005]))
+    hold["pose"]["rpy_deg"] = list(np.add(hold["pose"]["rpy_deg"], [0.0, 6.0, 3.0]))
+    after = on_moved_holds(before, parse_scenario(moved))
+
+    def in_hold(grip: Any, pose_m: Any, rpy_deg: Any) -> Any:
+        """Place and rotation vector of a gripper in a hold's frame."""
+        of_hold = Rotation.from_euler("xyz", rpy_deg, degrees=True).inv()
+        turn = Rotation.from_rotvec([*grip.gripper_tilt_w_rad, 0.0]) * Rotation.from_euler("z", grip.gripper_yaw_w_rad)
+        place = of_hold.apply(np.subtract(grip.gripper_position_w_m, pose_m))
+        return np.append(place, (of_hold * turn).as_rotvec())
+
+    was, met = before.holds[MOVED], 0
+    rpy_deg = np.degrees([*was.tilt_rad, was.yaw_rad])
+    for (_, _, old), (_, _, new) in zip(grips(before), grips(after), strict=True):
+        if old.hold == MOVED:
+            there = in_hold(new, hold["pose"]["position_m"], hold["pose"]["rpy_deg"])
+            assert there == pytest.approx(in_hold(old, was.position_w_m, rpy_deg), abs=1e-9)
+            met += 1
+        else:
+            assert new.gripper_position_w_m == old.gripper_position_w_m
     assert met
 
 

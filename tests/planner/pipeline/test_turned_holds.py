@@ -16,6 +16,7 @@ from crux_contracts.scenario import ScenarioError
 from crux_msgs import plan_t
 from crux_planner.checker import check_plan
 from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.replan import Planner
 from scipy.spatial.transform import Rotation
 from turned import ROLL_DEG, turned
 
@@ -48,6 +49,14 @@ def test_it_is_planned_and_passes_the_check() -> None:
 
 def test_it_is_climbed_in_less_time_where_that_is_asked() -> None:
     assert is_quick(planned(), ROBOT)
+
+
+def test_its_own_moves_are_planned_again_quickly() -> None:
+    found = planned()
+    again = Planner(turned(), ROBOT).replan(found.plan, 0.0, quick=True)
+    assert again.check.ok
+    assert again.gait == found.gait
+    assert again.cost < 1.05 * found.cost
 
 
 def test_grippers_come_along_the_holds_own_z_and_press_on_their_faces() -> None:
