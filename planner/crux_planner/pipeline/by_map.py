@@ -125,13 +125,18 @@ def plan_by_map(climb: Climb, tried: Tried, quick: bool = False) -> tuple[PlanRe
 
 
 def missing_at_goal(climb: Climb) -> str | None:
-    """What a level body at the goal lacks by the map; None where four limbs hold, or the goal is tilted."""
+    """What a level body at the goal lacks by the map, at the pose in its tolerances where fewest limbs lack a hold.
+    None where four limbs hold, or the goal is tilted.
+    """
     problem = climb.problem.aimed()
     if np.abs(problem.goal.body.rpy_rad[:2]).max() > LEVEL_RAD:
         return None
-    search = next(_searches(climb))
-    place = point_text(problem, problem.goal.body.position_m)
-    return None if len(search.goals) else f"{search.missing_at_goal()}, for a level body at the goal {place}"
+    searches = list(_searches(climb))
+    if len(searches[0].goals):
+        return None
+    search = min((each for each in searches if not len(each.goals)), key=lambda each: len(each.idle_at_goal))
+    place = point_text(problem, search.problem.goal.body.position_m)
+    return f"{search.missing_at_goal()}, for a level body at the goal {place}"
 
 
 def _grids(problem: Problem) -> tuple[Steps, Steps]:

@@ -184,10 +184,14 @@ class MapSearch:
             apart[i, j] = self.swings.apart(ends[one][i], ends[two][j])
         return apart
 
+    @property
+    def idle_at_goal(self) -> list[str]:
+        """The limbs that have no hold in reach there."""
+        return [name for name, ends in zip(LIMB_NAMES, self._ends_at_goal, strict=True) if not ends]
+
     def missing_at_goal(self) -> str:
         """Why there are no `goals`, in words."""
-        idle = [name for name, ends in zip(LIMB_NAMES, self._ends_at_goal, strict=True) if not ends]
-        if idle:
+        if idle := self.idle_at_goal:
             return f"no hold for {' and '.join(idle)} with a margin to joint limits and the trunk"
         for one, two in itertools.combinations(range(4), 2):
             if not self._apart_at_goal(one, two).any():

@@ -19,9 +19,11 @@ from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.model.schedule import Move, stance_after
 from crux_planner.physics.reachable_set import ReachableSet
+from crux_planner.pipeline import by_map
 from crux_planner.pipeline.by_joints import _along_path, _answered
 from crux_planner.pipeline.by_map import AIMS, COARSE, SEARCH_RAD, _ByMap, _turned
 from crux_planner.pipeline.session import Session
+from crux_planner.pipeline.solve_and_check import Climb
 from crux_planner.reach.arm import reaches_of
 from crux_planner.search.ends import aims
 from crux_planner.search.footing import Footing
@@ -35,6 +37,21 @@ from crux_simulation.benchmarks.random_fields import random_field
 from crux_tools.paths import SCENARIOS
 from shared_plans import unproven
 from walls import scattered, scenario, two_rows
+
+
+def test_what_is_missing_at_the_goal_is_of_the_pose_with_most_holds(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Within the goal's tolerances, where none lets all four limbs hold."""
+    problem = build_problem(scenario(two_rows()), robot)
+    poses = {"no hold for LR": ["LR"], "no holds for RF and RR on which these are off each other": []}
+    searches = [
+        SimpleNamespace(problem=problem, goals=[], idle_at_goal=idle, missing_at_goal=lambda text=text: text)
+        for text, idle in poses.items()
+    ]
+    monkeypatch.setattr(by_map, "_searches", lambda _climb: iter(searches))
+    climb = cast(Climb, SimpleNamespace(problem=problem))
+    assert (by_map.missing_at_goal(climb) or "").startswith("no holds for RF and RR on which")
 
 
 def test_what_the_check_finds_is_answered_at_its_moment() -> None:
