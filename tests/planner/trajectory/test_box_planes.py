@@ -115,7 +115,7 @@ def test_links_and_trunk_on_their_sides_are_off_the_surfaces(robot: Robot, off_m
         return off and bool(trunk_clear(trunk, boxes_of(slabs), pose, off_m - 1e-6).all())
 
     kept = met = 0
-    while kept < 8 or met < 8:
+    while kept < 4 or met < 4:
         state, hands, _ = drawn(robot, random)
         lift_m = random.uniform(0.0, 0.3)
         state[2] += lift_m
