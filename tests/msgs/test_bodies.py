@@ -76,6 +76,19 @@ def test_faces_lean_and_gravity_points_anywhere() -> None:
     assert read.holds[1].lean_rad == pytest.approx(tuple(map(math.radians, (30, 0, 0, 15))))
 
 
+def test_holds_have_places_for_grippers() -> None:
+    wall = second()
+    wall["holds"][1]["grips"] = [{"faces": "y", "aside_m": -0.01, "height_m": 0.03}]
+    read = parse_scenario(wall)
+    assert [(hold.offers("x"), hold.offers("y")) for hold in read.holds[:2]] == [(True, True), (False, True)]
+    assert read.holds[1].grip("y") == read.holds[1].grips[0]
+    assert read.holds[1].grips[0].aside_m == -0.01
+    schema = read_schema("scenario-2.json")
+    assert wrong(schema, wall) == []
+    wall["holds"][1]["grips"][0]["faces"] = "z"
+    assert wrong(schema, wall) == [".holds[1].grips[0].faces"]
+
+
 def test_bodies_are_turned_out_of_the_walls_plane() -> None:
     wall = second()
     wall["obstacles"][0]["pose"] = {"position_m": [0.6, 0.1, 0.03], "rpy_deg": [80, -100, 20]}
@@ -145,6 +158,14 @@ def test_what_stands_on_a_turned_face_is_not_in_it() -> None:
         (("holds", 2, "shape", "lean_deg"), {"+y": 45, "-y": 45}, "leaves -40.0 mm along y at the top of LR"),
         (("holds", 2, "shape", "lean_deg"), {"+y": 60}, "expected a number in 0..50 degrees"),
         (("obstacles", 0, "shape", "lean_deg"), {"+y": 10}, "obstacles[0].shape.lean_deg: is for holds"),
+        (
+            ("holds", 2, "grips"),
+            [{"faces": "x"}, {"faces": "x"}],
+            "grips: LR has two on faces x; expected one a pair",
+        ),
+        (("holds", 2, "grips"), [{"faces": "z"}], 'holds[2].grips[0].faces: "z": expected x or y'),
+        (("holds", 2, "grips"), [{"faces": "x", "height_m": 35}], "height_m: 35: expected a number in 0.005..2 m"),
+        (("obstacles", 0, "grips"), [{"faces": "x"}], "obstacles[0].grips: unknown key"),
         (("gravity_m_s2",), [0, 0, 0], "expected a vector that is not 0"),
         (("wall",), {"slope_deg": 90}, "wall: unknown key"),
         (("holds", 0, "pose", "position_m"), [-0.14, 0.36, 0], '"LR" overlaps "LF"'),

@@ -22,6 +22,7 @@ from .scenario_types import (
     POSITION,
     SIZE_M,
     VERSIONS,
+    Grip,
     Hold,
     Obstacle,
     Scenario,
@@ -99,6 +100,7 @@ class BoxHold(Box):
 
     friction: tuple[float, ...] = key((), 0.0, MAX_FRICTION, "", "one, or by face", required=True, reader="friction")
     spines: tuple[bool, ...] = key((True,) * 5, means="whether spines grip, of all or by face", reader="spines")
+    grips: tuple[Grip, ...] = key((), most=2, means="the only places for grippers, one a pair of faces (any place)")
 
 
 @dataclass(frozen=True)
@@ -195,6 +197,8 @@ def _can_be(node: Node, body: Box, endless: bool, check: Checker) -> None:
         check.note_at(node, "pose.position_m", found, why)
     if body.shape.lean_deg and not isinstance(body, BoxHold):
         check.note_at(node, "shape.lean_deg", "", "is for holds: an obstacle is a box")
+    if isinstance(body, BoxHold) and len({grip.faces for grip in body.grips}) < len(body.grips):
+        check.note_at(node, "grips", "", f"{body.name} has two on faces {body.grips[0].faces}; expected one a pair")
     for axis, width in (("x", x), ("y", y)):
         leans = [body.shape.lean_deg.get(f"{sign}{axis}", 0.0) for sign in "+-"]
         left = width - height * sum(math.tan(math.radians(each)) for each in leans)
@@ -221,7 +225,7 @@ def _cuboid(body: Box) -> dict[str, Any]:
 
 def _hold(body: BoxHold) -> Hold:
     lean_deg = tuple(body.shape.lean_deg.get(face, 0.0) for face in SIDE_FACES)
-    return Hold(**_cuboid(body), friction=body.friction, spines=body.spines, lean_deg=lean_deg)
+    return Hold(**_cuboid(body), friction=body.friction, spines=body.spines, lean_deg=lean_deg, grips=body.grips)
 
 
 def _slab(surface: Surface) -> Slab:

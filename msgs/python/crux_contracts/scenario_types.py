@@ -112,6 +112,15 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class Grip:
+    """A place for a gripper on a hold: the middle between its pads, along the hold's own axes off its foot's middle."""
+
+    faces: str = key(REQUIRED, words=("x", "y"), means="the pair of faces: +x and -x, or +y and -y")
+    aside_m: float = key(0.0, -SIZE_M[1], SIZE_M[1], "m", "along the faces: the hold's y on faces x, x on faces y")
+    height_m: float | None = key(None, *SIZE_M, "m", "off the foot; without it as near the pads' mid-range as they fit")
+
+
+@dataclass(frozen=True)
 class Hold(Cuboid):
     """A graspable cuboid. friction and spines follow FACE_NAMES."""
 
@@ -119,6 +128,16 @@ class Hold(Cuboid):
     spines: tuple[bool, ...] = key((True,) * 5, means="whether spines grip, of all or by face", reader="spines")
     lean_deg: tuple[float, ...] = (0.0,) * 4
     """of the side faces (+x, -x, +y, -y), in to the hold's middle: `size_m` is that of the foot, the top is smaller"""
+    grips: tuple[Grip, ...] = ()
+    """the only places for grippers, one a pair of faces; where there are none, any place on any pair of faces is one"""
+
+    def grip(self, faces: str) -> Grip | None:
+        """That on a pair of faces, x or y."""
+        return next((grip for grip in self.grips if grip.faces == faces), None)
+
+    def offers(self, faces: str) -> bool:
+        """Whether a gripper may be on a pair of faces."""
+        return not self.grips or self.grip(faces) is not None
 
     @property
     def lean_rad(self) -> tuple[float, ...]:

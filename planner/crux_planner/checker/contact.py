@@ -3,6 +3,7 @@ hold serves one limb at a time; swings have the structure of msgs/PLAN.md.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -38,6 +39,7 @@ def check_contact(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: 
     """All of (10) at the knots."""
     _check_contact_names(plan, scenario, findings)
     _check_faces(plan, scenario.contact.patch_radius_m, robot.grasp.pad_height_m, findings)
+    _check_places(plan, scenario, findings)
     _check_rest(plan, findings)
     _check_air(plan, findings)
     _check_swings(plan, findings)
@@ -116,6 +118,23 @@ def _check_faces(
         if on_wall.any():
             height = np.abs(plan.gripper_position[on_wall, limb, 2])
             findings.add_series("contact_face", height, plan.time_s[on_wall], "m", limb=limb)
+
+
+def _check_places(plan: PlanArrays, scenario: Scenario, findings: Findings) -> None:
+    """(10a): on holds that have grips, a gripper is at the one on its faces."""
+    for hold, body in enumerate(scenario.holds):
+        for k, limb in np.argwhere(plan.gripped & (plan.hold == hold)) if body.grips else ():
+            on_y = plan.finger1_face[k, limb] >= 2
+            where: dict[str, Any] = {"limb": limb, "time_s": plan.time_s[k]}
+            grips = [grip for grip in body.grips if grip.faces == ("y" if on_y else "x")]
+            if not grips:
+                findings.add("hold", 1.0, "", detail=f"none of the grips of {body.name!r} is on these faces", **where)
+                continue
+            place = _in_holds(plan, plan.gripper_position[[k], limb], np.array([hold]))[0]
+            off = abs(place[0 if on_y else 1] - grips[0].aside_m)
+            if grips[0].height_m is not None:
+                off = max(off, abs(place[2] - grips[0].height_m))
+            findings.add("contact_place", off, "m", detail=f"off the grip of {body.name!r}", **where)
 
 
 def _in_holds(plan: PlanArrays, place_w_m: Array, holds: Indices) -> Array:

@@ -49,6 +49,7 @@ EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face'
 TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
 LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has the last word
 STEEPEST_RAD = 1.4  # roll and pitch of a body beside bounded surfaces alone: pitch and yaw turn alike at a right angle
+ROUNDING_M = 1e-6  # of places in files
 ROUNDING_RAD = 1e-9  # of the yaw of a gripper at the edge of its range
 
 
@@ -239,6 +240,9 @@ def _contacts(
     palm = robot.gripper.finger_height_m - PASSING_CLEARANCE_M
     for index, hold in enumerate(scenario.holds):
         for pair in (0, 1):
+            if not hold.offers(PAIR_NAMES[pair]):
+                unusable[index, pair] = "none of its grips is on these faces"
+                continue
             faces = Faces.of(hold, pair, robot, contact.patch_radius_m, palm)
             if faces is None:
                 unusable[index, pair] = height_text(hold.size_m[2], robot, contact.patch_radius_m, palm)
@@ -246,6 +250,7 @@ def _contacts(
             if (reason := faces_text(hold, pair, faces, shape, contact.patch_radius_m)) is not None:
                 unusable[index, pair] = reason
                 continue
+            _is_on_faces(scenario, hold, index, pair, faces)
             half, height = faces.half_m, faces.height_m
             yaw_rad, tilt_rad = cuboids.yaw_and_tilt(index)
             normal = yaw_rad + pair * np.pi / 2
@@ -254,7 +259,8 @@ def _contacts(
             middle = cuboids.foot_m[index] + height * up
             middle = middle + faces.off_m * axis + faces.aside_m * across
             slack = faces.width_m / 2 - contact.patch_radius_m - EDGE_RESERVE_M
-            sides = (0.0, slack, -slack) if off_centre and slack > EDGE_RESERVE_M else (0.0,)
+            anywhere = off_centre and slack > EDGE_RESERVE_M and not hold.grips
+            sides = (0.0, slack, -slack) if anywhere else (0.0,)
             for side in sides:
                 centre = middle + side * across
                 opening = None
@@ -274,6 +280,14 @@ def _contacts(
     fingers = sorted(set(contact.spines_only.values()))
     by_spines = (replace(c, spines_only=finger) for finger in fingers for c in contacts if not c.leans)
     return contacts + [c for c in by_spines if not c.slippery], unusable
+
+
+def _is_on_faces(scenario: Scenario, hold: Hold, index: int, pair: int, faces: Faces) -> None:
+    """Raises ScenarioError where a hold's own grip has pads beyond its faces."""
+    if faces.beyond_m > ROUNDING_M:
+        which = next(i for i, grip in enumerate(hold.grips) if grip.faces == PAIR_NAMES[pair])
+        why = f"{hold.name}: its pads are {1e3 * faces.beyond_m:.1f} mm beyond the faces, or the heights they may have"
+        raise wrong(scenario, f"holds[{index}].grips[{which}]", "", why)
 
 
 def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:

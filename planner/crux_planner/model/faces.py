@@ -9,7 +9,7 @@ import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Hold
 
-from crux_planner.model.contacts import FACE_NAMES
+from crux_planner.model.contacts import FACE_NAMES, PAIR_NAMES
 
 
 def faces_of(pair: int) -> list[int]:
@@ -35,42 +35,45 @@ class Faces:
     width_m: float  # of the narrower face, where the patch ends
     off_m: float  # of the gripper's middle from the hold's, along the axis
     aside_m: float  # and across it
+    beyond_m: float  # the faces' edges, or the pads' range of heights, by which the hold's grip has its pads
 
     @classmethod
     def of(cls, hold: Hold, pair: int, robot: Robot, patch_radius_m: float, palm_m: float) -> Faces | None:
-        """None where the hold is too low or too high for the pads."""
+        """In the middle, or at the hold's grip. None where the hold is too low or too high for the pads."""
         mine, others = ([hold.lean_rad[face] for face in faces_of(which)] for which in (pair, 1 - pair))
         radius, size = robot.gripper.pad_radius_m, hold.size_m
-        height = pad_height(size[2], robot.grasp.pad_height_m, patch_radius_m, palm_m, mine, radius)
-        if height is None:
+        allowed = robot.grasp.pad_height_m
+        low, high = pad_heights(size[2], allowed, patch_radius_m, palm_m, mine, radius)
+        if low > high:
             return None
+        grip = hold.grip(PAIR_NAMES[pair])
+        height = float(np.clip((allowed[0] + allowed[1]) / 2, low, high))
+        height = height if grip is None or grip.height_m is None else grip.height_m
         # A ball touches a leaning face when its middle is so far beyond it along the axis.
         out = [size[pair] / 2 - height * np.tan(lean) + radius * (1.0 / np.cos(lean) - 1.0) for lean in mine]
         patch_end = height + max(patch_radius_m * np.cos(lean) - radius * np.sin(lean) for lean in mine)
         ends = [size[1 - pair] / 2 - patch_end * np.tan(lean) for lean in others]
         half, off = (out[0] + out[1]) / 2, (out[0] - out[1]) / 2
-        return cls(height, half, max(mine), sum(ends), off, (ends[0] - ends[1]) / 2 * (1 - 2 * pair))
+        aside = (ends[0] - ends[1]) / 2 if grip is None else grip.aside_m
+        beyond = max(low - height, height - high, aside - ends[0] + patch_radius_m, patch_radius_m - ends[1] - aside)
+        return cls(height, half, max(mine), sum(ends), off, aside * (1 - 2 * pair), 0.0 if grip is None else beyond)
 
 
-def pad_height(
+def pad_heights(
     hold_height_m: float,
     allowed_m: tuple[float, float],
     patch_radius_m: float,
     palm_above_pad_m: float,
     lean_rad: Sequence[float] = (0.0, 0.0),
     pad_radius_m: float = 0.0,
-) -> float | None:
-    """Height of the pads above the wall: mid-range, but the whole patch on the face and the palm above the hold. On a
-    face that leans the patch is under the pad's middle.
-
-    None where the hold is too low or too high to be gripped.
+) -> tuple[float, float]:
+    """Least and greatest height of the pads above the foot: the whole patch on the face and the palm above the hold. On
+    a face that leans the patch is under the pad's middle. The least is above the greatest where the hold is too low or
+    too high to be gripped.
     """
     under, patch = pad_radius_m * np.sin(lean_rad), patch_radius_m * np.cos(lean_rad)
     low = max(allowed_m[0], float((patch + under).max()), hold_height_m - palm_above_pad_m)
-    high = min(allowed_m[1], hold_height_m - float((patch - under).max()))
-    if low > high:
-        return None
-    return float(np.clip((allowed_m[0] + allowed_m[1]) / 2, low, high))
+    return low, min(allowed_m[1], hold_height_m - float((patch - under).max()))
 
 
 def too_steep(hold: Hold, pair: int) -> str | None:

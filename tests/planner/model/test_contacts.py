@@ -11,7 +11,7 @@ from crux_contracts.scenario import ScenarioError
 from crux_planner.model.build import build_problem
 from crux_planner.model.contacts import GripperShape, opening_for, yaws_in_range
 from crux_planner.model.cuboids import Cuboids
-from crux_planner.model.faces import pad_height
+from crux_planner.model.faces import pad_heights
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.pipeline.explanation import check_start
 from crux_planner.search.equilibrium import StaticEquilibrium
@@ -24,12 +24,13 @@ SHAPE = GripperShape(0.008, 0.066, 0.048, 0.012, 0.05)
 CLEARANCE_M = 0.024
 
 
-def test_pads_stand_mid_range_with_the_patch_on_the_face_and_the_palm_above_the_hold() -> None:
-    assert pad_height(0.06, (0.02, 0.05), 0.02, 0.04) == pytest.approx(0.035)
-    assert pad_height(0.05, (0.02, 0.05), 0.02, 0.04) == pytest.approx(0.03)  # the patch must end below the top
-    assert pad_height(0.08, (0.02, 0.05), 0.02, 0.04) == pytest.approx(0.04)  # the palm must stay above it
-    assert pad_height(0.03, (0.02, 0.05), 0.02, 0.04) is None
-    assert pad_height(0.12, (0.02, 0.05), 0.02, 0.04) is None
+def test_pads_stand_with_the_patch_on_the_face_and_the_palm_above_the_hold() -> None:
+    assert pad_heights(0.06, (0.02, 0.05), 0.02, 0.04) == pytest.approx((0.02, 0.04))
+    assert pad_heights(0.05, (0.02, 0.05), 0.02, 0.04) == pytest.approx((0.02, 0.03))  # the patch ends below the top
+    assert pad_heights(0.08, (0.02, 0.05), 0.02, 0.04) == pytest.approx((0.04, 0.05))  # the palm stays above it
+    for height_m in (0.03, 0.12):
+        low, high = pad_heights(height_m, (0.02, 0.05), 0.02, 0.04)
+        assert low > high
 
 
 @given(st.floats(-7, 7))

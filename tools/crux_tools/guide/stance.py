@@ -87,7 +87,7 @@ def places_of(scenario: Scenario, robot: Robot) -> list[Place]:
     for number, hold in enumerate(scenario.holds):
         for pair in (0, 1):
             faces = Faces.of(hold, pair, robot, scenario.contact.patch_radius_m, palm_m)
-            if faces is None:
+            if faces is None or not hold.offers(FACE_NAMES[2 * pair][1:]):
                 continue
             yaw = hold.yaw_rad + pair * math.pi / 2
             middle = np.array([*hold.position_m, hold.foot_z_m])

@@ -84,7 +84,8 @@ def sketch_of(content: Content, scenario: Scenario, places: Places) -> Sketch:
 def _body(item: Content) -> Content:
     foot, lean_deg = foot_of(item), item.get("shape", {}).get("lean_deg", {})
     body = {"position_m": list(foot.position_m), "size_m": list(foot.size_m), "yaw_deg": foot.yaw_deg}
-    return {"name": item["name"], **body, "lean_deg": lean_deg, "friction": item.get("friction")}
+    rest = {"lean_deg": lean_deg, "friction": item.get("friction"), "grips": item.get("grips", [])}
+    return {"name": item["name"], **body, **rest}
 
 
 def content_with(

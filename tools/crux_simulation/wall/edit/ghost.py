@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Hold, Scenario
+from crux_contracts.scenario import Grip, Hold, Scenario
 from crux_contracts.scenario_bodies import SIDE_FACES
 from crux_msgs import plan_knot_t, plan_t
 from crux_planner import Faces
@@ -71,10 +71,11 @@ class Ghost:
         """Where a gripper's middle is on a pair of faces, its yaw, and from there to a pad's face."""
         lean_deg = tuple(float(hold["lean_deg"].get(face, 0.0)) for face in SIDE_FACES)
         x, y, z = map(float, hold["size_m"])
-        as_hold = Hold(name="hold", position_m=(0.0, 0.0), size_m=(x, y, z), lean_deg=lean_deg)
+        grips = tuple(Grip(**grip) for grip in hold.get("grips", []))
+        as_hold = Hold(name="hold", position_m=(0.0, 0.0), size_m=(x, y, z), lean_deg=lean_deg, grips=grips)
         gripper = self._described.gripper
         faces = Faces.of(as_hold, pair, self._described, gripper.pad_radius_m, gripper.finger_height_m)
-        if faces is None:
+        if faces is None or not as_hold.offers("xy"[pair]):
             return None
         along = math.radians(hold["yaw_deg"]) + pair * math.pi / 2
         yaw = heading_rad + math.remainder(along - heading_rad, math.pi)  # either finger may be on either face
