@@ -144,11 +144,15 @@ def _stream(args: argparse.Namespace, scenario: Scenario, robot: Robot) -> int:
     from crux_contracts.plan_file import write_plan
     from crux_contracts.plan_route import part_path
 
+    from crux_planner.errors import wrong
     from crux_planner.pipeline.route import plan_route
 
     look_at_folder("-o", args.output)
     if part_path(args.output, 0).exists():
         raise OutputError(f"-o {args.output}: has a route in it; name another folder")
+    if partly := [hold.name for hold in scenario.holds if min(hold.pad_share) < 1.0]:
+        why = "parts of a route do not have the holds of those before; expected whole pads"
+        raise wrong(scenario, "holds", f"pads bear in part on {partly[0]}", why)
     limit = {} if args.time_limit is None else {"time_limit_s": args.time_limit}
     parts = []
     for number, result in enumerate(plan_route(scenario, robot, log=lambda line: say(line, to_errors=True), **limit)):

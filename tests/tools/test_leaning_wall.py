@@ -40,6 +40,7 @@ horizon: {steps: 40, dt_s: 0.08}
 def wall(friction: list[float]) -> tuple[mujoco.MjModel, list[Any]]:
     """A wall with one such hold, and a ball that can be anywhere."""
     hold = SimpleNamespace(
+        name="hold",
         position_w_m=FOOT_M, size_m=SIZE_M, yaw_rad=YAW_RAD, graspable=1, friction=friction, spines=[1] * 5,
         lean_rad=LEAN_RAD.tolist(), tilt_rad=[0.0, 0.0],
     )  # fmt: skip

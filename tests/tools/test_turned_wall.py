@@ -22,6 +22,7 @@ from turned import turned
 
 RPY_RAD = np.array([0.5, -0.4, 1.1])
 HOLD = SimpleNamespace(
+    name="hold",
     position_w_m=[0.3, -0.2, 0.05], size_m=[0.06, 0.08, 0.1], yaw_rad=RPY_RAD[2], tilt_rad=RPY_RAD[:2].tolist(),
     graspable=1, friction=[2.0, 1.0, 0.5, 0.7, 0.3], spines=[1] * 5, lean_rad=[0.0] * 4,
 )  # fmt: skip

@@ -27,6 +27,7 @@ MAX_FRICTION = 5.0
 MAX_CUBOIDS = 10_000
 MAX_SURFACES = 50
 MAX_LEAN_DEG = 50.0
+LEAST_SHARE = 0.5
 MAX_GRAVITY_M_S2 = 30.0
 MAX_STEPS = 1000
 SIZE_M = (0.005, 2.0)
@@ -118,6 +119,9 @@ class Grip:
     faces: str = key(REQUIRED, words=("x", "y"), means="the pair of faces: +x and -x, or +y and -y")
     aside_m: float = key(0.0, -SIZE_M[1], SIZE_M[1], "m", "along the faces: the hold's y on faces x, x on faces y")
     height_m: float | None = key(None, *SIZE_M, "m", "off the foot; without it as near the pads' mid-range as they fit")
+    share: tuple[float, float] = key(
+        (1.0, 1.0), LEAST_SHARE, 1.0, "", "of the pads that bears: on the plus face, the minus"
+    )
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,12 @@ class Hold(Cuboid):
     def grip(self, faces: str) -> Grip | None:
         """That on a pair of faces, x or y."""
         return next((grip for grip in self.grips if grip.faces == faces), None)
+
+    @property
+    def pad_share(self) -> tuple[float, ...]:
+        """What of a pad bears on each side face (+x, -x, +y, -y): spines and k of (2) are so much less."""
+        on_x, on_y = self.grip("x"), self.grip("y")
+        return (*(on_x.share if on_x else (1.0, 1.0)), *(on_y.share if on_y else (1.0, 1.0)))
 
     def offers(self, faces: str) -> bool:
         """Whether a gripper may be on a pair of faces."""
@@ -295,13 +305,14 @@ class Scenario:
 
     @property
     def not_upright(self) -> str:
-        """The first surface that is bounded, or hold or obstacle that leans or is turned, in words; empty where all are
-        upright on one endless wall.
+        """The first surface that is bounded, hold or obstacle that leans or is turned, or hold on which pads bear in
+        part, in words; empty where all are upright on one endless wall.
         """
         bounded = (f"the surface {slab.name} is bounded" for slab in self.wall.slabs)
         leaning = (f"{hold.name} has faces that lean" for hold in self.holds if hold.leans)
         turned = (f"{each.name} is turned out of the wall's plane" for each in self.cuboids if each.turned)
-        return next(itertools.chain(leaning, turned, bounded), "")
+        in_part = (f"pads bear in part on {hold.name}" for hold in self.holds if min(hold.pad_share) < 1.0)
+        return next(itertools.chain(leaning, turned, bounded, in_part), "")
 
     def hold_index(self, name: str) -> int:
         """Index of a hold by name; KeyError for an unknown one."""

@@ -23,7 +23,7 @@ from crux_planner.checker.equilibrium import (
 from crux_planner.checker.kinematics import check_kinematics
 from crux_planner.checker.limb_clearance import check_limb_clearance
 from crux_planner.checker.limb_model import load_model
-from crux_planner.checker.limit_surface import check_limit_surface, finger_loads
+from crux_planner.checker.limit_surface import check_limit_surface, finger_loads, pad_shares
 from crux_planner.checker.pace import check_pace
 from crux_planner.checker.parts import limb_parts, shapes
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
@@ -69,7 +69,7 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
     check_ends(plan, scenario, findings)
     report.cost = None if point else cost(plan, scenario)
     report.friction_margin_N = check_limit_surface(plan, scenario, findings)
-    loads = finger_loads(plan, scenario.wall.friction)
+    loads = finger_loads(plan, scenario.wall.friction, pad_shares(scenario))
 
     samples = feet = sample(plan)
     pad_radius_m = robot.gripper.pad_radius_m

@@ -12,6 +12,7 @@ from crux_contracts.scenario import Scenario
 
 from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array, Flags, Indices, rotation_of_gripper, turned_back
+from crux_planner.checker.limit_surface import pad_shares
 from crux_planner.checker.plan_arrays import FACE_NONE, FACE_WALL, PlanArrays
 from crux_planner.checker.report import Findings
 
@@ -47,8 +48,8 @@ def check_contact(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: 
 
 
 def _check_contact_names(plan: PlanArrays, scenario: Scenario, findings: Findings) -> None:
-    """Holds exist and may be grasped, faces exist, friction is the smaller one of the two faces, as little as that may
-    be, and above 0, as the runtime needs it.
+    """Holds exist and may be grasped, faces exist, friction is the smaller one of the two faces, times the share of the
+    pad that bears, as little as that may be, and above 0, as the runtime needs it.
     """
     least = 1.0 - (scenario.uncertainty.friction if scenario.uncertainty else 0.0)
     for k, limb in np.argwhere(plan.stance):
@@ -72,7 +73,9 @@ def _check_contact_names(plan: PlanArrays, scenario: Scenario, findings: Finding
             findings.add("hold", 1.0, "", limb=limb, time_s=plan.time_s[k], detail=detail)
     if plan.cuboids.names:
         index = np.where(plan.gripped, plan.hold, 0)
-        pair = plan.cuboids.friction[index[..., None], plan.faces].min(axis=2)
+        bears = np.ones((len(plan.cuboids.names), 5))
+        bears[: len(scenario.holds), :4] = pad_shares(scenario)
+        pair = (bears * plan.cuboids.friction)[index[..., None], plan.faces].min(axis=2)
     else:
         pair = np.zeros(plan.hold.shape)
     expected = np.where(plan.on_wall, scenario.wall.friction, np.where(plan.gripped, least * pair, 0.0))

@@ -19,6 +19,7 @@ from crux_planner.checker.geometry import Array
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 
+_WHOLE = np.ones((0, 4))  # pads bear as a whole
 DISC_POWER = 1.65
 """Of (2a). With 2 it would be (2), whose combined shear and twist are up to 7.0 % more than a disc under even pressure
 bears; with this one it is up to 1.7 % less, and never more."""
@@ -30,7 +31,7 @@ def cone_excess(
     normal_N: Array,
     *,
     friction: Array,
-    patch_k_m: float,
+    patch_k_m: Array | float,
     spine_shear_N: Array,
     spine_twist_Nm: Array,
 ) -> Array:
@@ -41,8 +42,8 @@ def cone_excess(
     """
     shear = np.maximum(np.abs(shear_N) - spine_shear_N[..., None], 0.0)
     twist = np.maximum(np.abs(twist_Nm) - spine_twist_Nm, 0.0)
-    point = patch_k_m <= 0.0
-    twist_as_force = np.where(twist > tolerances.MOMENT_NM, np.inf, 0.0) if point else twist / patch_k_m
+    point, k_m = np.less_equal(patch_k_m, 0.0), np.where(np.less_equal(patch_k_m, 0.0), 1.0, patch_k_m)
+    twist_as_force = np.where(point, np.where(twist > tolerances.MOMENT_NM, np.inf, 0.0), twist / k_m)
     sliding = np.sqrt((shear * shear).sum(axis=-1))
     demand = (sliding**DISC_POWER + twist_as_force**DISC_POWER) ** (1.0 / DISC_POWER)
     return np.asarray(demand - friction * np.maximum(normal_N, 0.0))
@@ -60,6 +61,7 @@ class FingerLoads:
     spine_shear_N: Array
     spine_twist_Nm: Array
     touching: Array  # bool
+    pad_share: Array  # of the pad that bears: k is so much less
 
     def excess(
         self, shear_N: Array, twist_Nm: Array, normal_N: Array, at: Any, patch_k_m: float, rough: float = 1.0
@@ -70,14 +72,23 @@ class FingerLoads:
             twist_Nm,
             normal_N,
             friction=rough * self.friction[at],
-            patch_k_m=patch_k_m,
+            patch_k_m=patch_k_m * self.pad_share[at],
             spine_shear_N=self.spine_shear_N[at],
             spine_twist_Nm=self.spine_twist_Nm[at],
         )
 
 
-def finger_loads(plan: PlanArrays, wall_friction: float) -> FingerLoads:
-    """Resolve the plan's finger forces and moments in the frames of the faces they touch."""
+def pad_shares(scenario: Scenario) -> Array:
+    """Of the pads on the side faces of holds that bears, (H, 4)."""
+    shares = np.ones((len(scenario.holds), 4))
+    for hold, body in enumerate(scenario.holds):
+        for grip in body.grips:
+            shares[hold, 2 * "xy".index(grip.faces) :][:2] = grip.share
+    return shares
+
+
+def finger_loads(plan: PlanArrays, wall_friction: float, shares: Array = _WHOLE) -> FingerLoads:
+    """Resolve the plan's finger forces and moments in the frames of the faces they touch; `shares`: `pad_shares`."""
     normal = plan.face_normal
     common = normal[:, :, :1, :]
     on_wall = plan.on_wall[..., None, None]
@@ -101,15 +112,19 @@ def finger_loads(plan: PlanArrays, wall_friction: float) -> FingerLoads:
         spiny = np.where(wall, True, plan.cuboids.spines[index, plan.faces])
     else:
         friction, spiny = np.full(twist.shape, wall_friction), np.ones(twist.shape, dtype=bool)
+    bears = np.ones(twist.shape)
+    gripped = plan.gripped & (plan.hold < len(shares))
+    bears[gripped] = shares[plan.hold[gripped][:, None], plan.faces[gripped]]
     return FingerLoads(
         (force * normal).sum(axis=-1),
         np.stack([(force * tangent1).sum(axis=-1), (force * tangent2).sum(axis=-1)], axis=-1),
         twist,
         np.linalg.norm(moment - twist[..., None] * common, axis=-1),
         friction,
-        plan.spine_shear_N * spiny,
-        plan.spine_twist_Nm * spiny,
+        plan.spine_shear_N * spiny * bears,
+        plan.spine_twist_Nm * spiny * bears,
         np.broadcast_to(touching[..., None], twist.shape),
+        bears,
     )
 
 
@@ -123,7 +138,7 @@ def _across(plan: PlanArrays, loads: FingerLoads) -> Array:
 
 def check_limit_surface(plan: PlanArrays, scenario: Scenario, findings: Findings) -> float | None:
     """(1)-(4) at every knot; returns the least margin mu fz - demand [N]. Fingers on spines only must not press."""
-    loads = finger_loads(plan, scenario.wall.friction)
+    loads = finger_loads(plan, scenario.wall.friction, pad_shares(scenario))
     excess = loads.excess(loads.shear_N, loads.twist_Nm, loads.normal_N, ..., plan.patch_k_m)
     touching = loads.touching
     for limb in range(4):

@@ -28,7 +28,7 @@ from crux_planner.model.contacts import (
     yaws_in_range,
 )
 from crux_planner.model.cuboids import Cuboids, cuboids_of
-from crux_planner.model.faces import Faces, faces_of, smooth_faces
+from crux_planner.model.faces import Faces, faces_of, smooth_faces, usable_friction
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, composite_inertia
@@ -36,7 +36,7 @@ from crux_planner.model.poses import body_and_ends, posture, weights_of, within_
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem
 from crux_planner.model.shapes import limb_radii_m
 from crux_planner.model.surfaces import Surfaces
-from crux_planner.model.unusable import WALL_CLEARANCE_M, faces_text, height_text, narrow_text
+from crux_planner.model.unusable import WALL_CLEARANCE_M, faces_text, height_text, look_at_grip, narrow_text
 from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leaning_m, limb_reach, tilt_for
 
 MOST_CUBOIDS, MOST_WAY_M = 300, 40.0  # holds, and as many obstacles, and way that are planned at once
@@ -49,7 +49,6 @@ EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face'
 TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
 LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has the last word
 STEEPEST_RAD = 1.4  # roll and pitch of a body beside bounded surfaces alone: pitch and yaw turn alike at a right angle
-ROUNDING_M = 1e-6  # of places in files
 ROUNDING_RAD = 1e-9  # of the yaw of a gripper at the edge of its range
 
 
@@ -250,7 +249,7 @@ def _contacts(
             if (reason := faces_text(hold, pair, faces, shape, contact.patch_radius_m)) is not None:
                 unusable[index, pair] = reason
                 continue
-            _is_on_faces(scenario, hold, index, pair, faces)
+            look_at_grip(scenario, index, pair, faces)
             half, height = faces.half_m, faces.height_m
             yaw_rad, tilt_rad = cuboids.yaw_and_tilt(index)
             normal = yaw_rad + pair * np.pi / 2
@@ -280,14 +279,6 @@ def _contacts(
     fingers = sorted(set(contact.spines_only.values()))
     by_spines = (replace(c, spines_only=finger) for finger in fingers for c in contacts if not c.leans)
     return contacts + [c for c in by_spines if not c.slippery], unusable
-
-
-def _is_on_faces(scenario: Scenario, hold: Hold, index: int, pair: int, faces: Faces) -> None:
-    """Raises ScenarioError where a hold's own grip has pads beyond its faces."""
-    if faces.beyond_m > ROUNDING_M:
-        which = next(i for i, grip in enumerate(hold.grips) if grip.faces == PAIR_NAMES[pair])
-        why = f"{hold.name}: its pads are {1e3 * faces.beyond_m:.1f} mm beyond the faces, or the heights they may have"
-        raise wrong(scenario, f"holds[{index}].grips[{which}]", "", why)
 
 
 def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
@@ -322,7 +313,7 @@ def _contact(
         yaw_rad=yaw,
         centre_h_m=centre,
         separation_m=hold.size_m[pair],
-        friction=np.array([hold.friction[face] for face in faces]),
+        friction=np.array([usable_friction(hold, face) for face in faces]),
         spines=np.stack([_spines(scenario, hold, face) for face in faces]),
         open_m=opening,
         lean_rad=np.array([hold.lean_rad[face] for face in faces]),
@@ -332,7 +323,7 @@ def _contact(
 def _spines(scenario: Scenario, hold: Hold, face: int) -> Array:
     """(3,): most that the spines of a finger hold of (s1, s2, m) on a face."""
     shear_N, twist_Nm = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
-    return float(hold.spines[face]) * np.array([shear_N, shear_N, twist_Nm])
+    return float(hold.spines[face]) * hold.pad_share[face] * np.array([shear_N, shear_N, twist_Nm])
 
 
 def _in_air(name: str, scenario: Scenario, heading: float, cuboids: Cuboids, shape: GripperShape) -> Contact:

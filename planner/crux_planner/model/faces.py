@@ -17,6 +17,11 @@ def faces_of(pair: int) -> list[int]:
     return [2 * pair, 2 * pair + 1]
 
 
+def usable_friction(hold: Hold, face: int) -> float:
+    """Friction of a face for plans: so much less as less of a pad bears, which is inside (2) with so much less k."""
+    return hold.friction[face] * hold.pad_share[face]
+
+
 def smooth_faces(hold: Hold, pair: int) -> list[str]:
     """The faces of a pair that have no friction, so that it cannot be gripped.
 
@@ -79,7 +84,7 @@ def pad_heights(
 def too_steep(hold: Hold, pair: int) -> str | None:
     """Why friction holds no pad on one of a pair's faces, if it leans so much."""
     for face in faces_of(pair):
-        lean, friction = hold.lean_rad[face], hold.friction[face]
+        lean, friction = hold.lean_rad[face], usable_friction(hold, face)
         if 0.0 < friction <= np.tan(lean):
             text = f"face {FACE_NAMES[face]} leans by {np.degrees(lean):.0f} degrees"
             return f"{text}, with friction {friction:g} pads slide off from {np.degrees(np.arctan(friction)):.0f}"

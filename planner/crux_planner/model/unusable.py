@@ -4,11 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Hold
+from crux_contracts.scenario import Hold, Scenario
 
-from crux_planner.model.contacts import GripperShape
+from crux_planner.errors import wrong
+from crux_planner.model.contacts import PAIR_NAMES, GripperShape
 from crux_planner.model.faces import Faces, smooth_faces, too_steep
 
+ROUNDING_M = 1e-6  # of places in files
 WALL_CLEARANCE_M = 0.003  # of pads to the wall where a hold is turned out of its plane, and to bounded surfaces
 
 
@@ -32,6 +34,15 @@ def faces_text(hold: Hold, pair: int, faces: Faces, shape: GripperShape, patch_r
     if smooth := smooth_faces(hold, pair):
         return f"face {smooth[0]} has friction 0, both faces of a grasp need more"
     return None
+
+
+def look_at_grip(scenario: Scenario, index: int, pair: int, faces: Faces) -> None:
+    """Raises ScenarioError where a hold's own grip has pads beyond its faces."""
+    if faces.beyond_m > ROUNDING_M:
+        hold = scenario.holds[index]
+        which = next(i for i, grip in enumerate(hold.grips) if grip.faces == PAIR_NAMES[pair])
+        why = f"{hold.name}: its pads are {1e3 * faces.beyond_m:.1f} mm beyond the faces, or the heights they may have"
+        raise wrong(scenario, f"holds[{index}].grips[{which}]", "", why)
 
 
 def narrow_text(opens: Callable[[float], float | None], nearest: tuple[float, str], needed_m: float) -> str:

@@ -50,8 +50,8 @@ def grip_margins(truth: Truth, plan: Any, robot: RobotModel) -> Floats:
     shear, _ = split_between_fingers(along, rest, normal, half_m, np.zeros((n, 4)))
     rest = rest - np.cross(arm_m, 0.5 * (shear[:, :, 0] - shear[:, :, 1]))
     twist = 0.5 * (rest * normal).sum(axis=-1)[..., None]
-    demand_N = np.sqrt((shear**2).sum(axis=-1) + (twist / plan.patch_k_m) ** 2)
-    friction = np.array([each.friction for each in robot.faces])[face]
+    friction, share = (np.array([getattr(each, key) for each in robot.faces])[face] for key in ("friction", "share"))
+    demand_N = np.sqrt((shear**2).sum(axis=-1) + (twist / (share * plan.patch_k_m)) ** 2)
     return np.asarray(1.0 - demand_N / np.where(pressed.all(axis=2, keepdims=True), friction * normal_N, np.nan))
 
 

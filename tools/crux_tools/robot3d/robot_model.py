@@ -200,7 +200,7 @@ def add_pad_contacts(spec: mujoco.MjSpec, pads: list[str], faces: list[Face], pa
             mu = face.friction
             spec.add_pair(
                 geomname1=pad, geomname2=face.geom, condim=rough if mu > 0 else 1, solref=CONTACT_SOLREF,
-                solimp=CONTACT_SOLIMP, friction=[mu, mu, patch_k_m * mu, 1e-3, 1e-3],
+                solimp=CONTACT_SOLIMP, friction=[mu, mu, face.share * patch_k_m * mu, 1e-3, 1e-3],
             )  # fmt: skip
 
 
@@ -298,5 +298,7 @@ def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face], poin
         face_of_geom=face_of_geom,
         face_hold=np.array([face.hold for face in faces]),
         point_feet=point_feet,
-        adhesion_of_face=np.array([1 / face.friction if face.spines and face.friction > 0 else 0.0 for face in faces]),
+        adhesion_of_face=np.array(
+            [face.share / face.friction if face.spines and face.friction > 0 else 0.0 for face in faces]
+        ),
     )

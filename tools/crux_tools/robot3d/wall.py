@@ -15,7 +15,7 @@ from crux_contracts.scenario import FACE_NAMES
 from numpy.typing import NDArray
 
 from crux_tools.telemetry.rotations import hold_middle, hold_quaternion
-from crux_tools.telemetry.surfaces import box_of, wall_of
+from crux_tools.telemetry.surfaces import box_of, pad_shares_of, wall_of
 
 SIDE_SLAB_M = 0.010
 TOP_SLAB_M = 0.005
@@ -36,6 +36,8 @@ class Face:
     geom: str
     friction: float
     spines: bool
+    share: float = 1.0
+    """of a pad that bears on it"""
 
 
 def _slabs(size_m: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64], NDArray[np.float64]]]:
@@ -78,10 +80,10 @@ def _leaning_parts(size_m: NDArray[np.float64], lean_rad: NDArray[np.float64]) -
     return parts
 
 
-def _add_leaning(spec: mujoco.MjSpec, body: Any, hold: Any, index: int) -> list[Face]:
+def _add_leaning(spec: mujoco.MjSpec, body: Any, hold: Any, index: int, share: tuple[float, ...]) -> list[Face]:
     """The geoms of a hold with faces that lean."""
     size_m, lean_rad = np.array(hold.size_m), np.array(hold.lean_rad)
-    if len(set(zip(hold.friction, hold.spines, strict=True))) == 1:
+    if len(set(zip(hold.friction, hold.spines, share, strict=True))) == 1:
         parts = [("", np.vstack([_corners(size_m, lean_rad, z) for z in (0.0, size_m[2])]))]
     else:
         parts = _leaning_parts(size_m, lean_rad)
@@ -94,7 +96,7 @@ def _add_leaning(spec: mujoco.MjSpec, body: Any, hold: Any, index: int) -> list[
             name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, contype=0, conaffinity=1,
             rgba=HOLD_RGBA if friction > 0 else SLIPPERY_RGBA,
         )  # fmt: skip
-        faces.append(Face(index, name, friction, spines))
+        faces.append(Face(index, name, friction, spines, share[which]))
     return faces
 
 
@@ -122,13 +124,13 @@ def add_wall(spec: mujoco.MjSpec, plan: Any) -> list[Face]:
     """Adds the surfaces, the holds and the obstacles to `spec`; returns every touchable face."""
     world = spec.worldbody
     faces = _add_surfaces(world, plan)
-    for index, hold in enumerate(plan.holds):
+    for index, (hold, share) in enumerate(zip(plan.holds, pad_shares_of(plan), strict=True)):
         size_m = np.array(hold.size_m)
         body = world.add_body(name=f"hold{index}", pos=hold.position_w_m, quat=hold_quaternion(hold))
         if any(hold.lean_rad):
-            faces += _add_leaning(spec, body, hold, index)
+            faces += _add_leaning(spec, body, hold, index, share)
             continue
-        surfaces = set(zip(hold.friction, hold.spines, strict=True))
+        surfaces = set(zip(hold.friction, hold.spines, share, strict=True))
         one_box = [("", np.array([0, 0, size_m[2] / 2]), size_m / 2)]
         parts = one_box if len(surfaces) == 1 else _slabs(size_m)
         for face, centre, half in parts:
@@ -139,5 +141,5 @@ def add_wall(spec: mujoco.MjSpec, plan: Any) -> list[Face]:
             body.add_geom(
                 name=name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=centre, size=half, rgba=rgba, contype=0, conaffinity=1
             )
-            faces.append(Face(index, name, friction, spines))
+            faces.append(Face(index, name, friction, spines, share[which]))
     return faces

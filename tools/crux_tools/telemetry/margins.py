@@ -21,6 +21,7 @@ from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.lag import lagged
 from crux_tools.telemetry.rotations import rotations_from_quaternions
 from crux_tools.telemetry.summary import in_full_stance
+from crux_tools.telemetry.surfaces import pad_shares_of
 
 _FACES = 4  # +x, -x, +y, -y
 X, Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -28,21 +29,32 @@ SIDES = np.array([[1.0], [-1.0]])  # of the opening axis, fingers 1 and 2
 FLAT = 0.95  # z of the normal: above it the face is the wall itself, below it a side of a hold
 
 
-def _surfaces(plan: Any, series: PlanSeries) -> tuple[np.ndarray, np.ndarray]:
-    """Friction and whether spines grip under fingers 1 and 2 at every knot, (K, 4, 2) each."""
-    friction = np.zeros((*series.hold.shape, 2))
-    spines = np.zeros((*series.hold.shape, 2), dtype=bool)
+class _Surfaces(NamedTuple):
+    """Under fingers 1 and 2 at every knot, (K, 4, 2) each: friction, what spines grip, what of the pad bears."""
+
+    friction: np.ndarray
+    spines: np.ndarray
+    share: np.ndarray
+
+    def at(self, knot: Any) -> _Surfaces:
+        return _Surfaces(*(values[knot] for values in self))
+
+
+def _surfaces(plan: Any, series: PlanSeries) -> _Surfaces:
+    friction, spines = np.zeros((*series.hold.shape, 2)), np.zeros((*series.hold.shape, 2))
+    share, shares = np.ones((*series.hold.shape, 2)), pad_shares_of(plan)
     for k, knot in enumerate(plan.knots):
         for index, limb in enumerate(knot.limbs):
             if series.stance[k, index] and 0 <= limb.hold < len(plan.holds) and 0 <= limb.finger1_face < _FACES:
                 hold = plan.holds[limb.hold]
                 faces = (limb.finger1_face, limb.finger1_face ^ 1)
                 friction[k, index] = [hold.friction[face] for face in faces]
-                spines[k, index] = [bool(hold.spines[face]) for face in faces]
+                share[k, index] = [shares[limb.hold][face] for face in faces]
+                spines[k, index] = share[k, index] * [bool(hold.spines[face]) for face in faces]
             elif series.stance[k, index]:
                 friction[k, index] = limb.friction
-                spines[k, index] = True
-    return friction, spines
+                spines[k, index] = 1.0
+    return _Surfaces(friction, spines, share)
 
 
 class Grip(NamedTuple):
@@ -62,9 +74,7 @@ class Grip(NamedTuple):
         return Grip(*(np.where(gripping, values, np.nan) for values in self))
 
 
-def _grip(
-    plan: Any, force: np.ndarray, moment: np.ndarray, outward: np.ndarray, friction: np.ndarray, spines: np.ndarray
-) -> Grip:
+def _grip(plan: Any, force: np.ndarray, moment: np.ndarray, outward: np.ndarray, on: _Surfaces) -> Grip:
     """Of wrenches (..., 3), (..., 3) on faces with outward normals (..., 3)."""
     on_wall = (outward[..., 2] > FLAT)[..., None]
     tangent = np.where(on_wall, X, np.cross(Z, outward))
@@ -75,12 +85,12 @@ def _grip(
         np.stack([(force * tangent).sum(axis=-1), (force * other_tangent).sum(axis=-1)], axis=-1),
         (moment * outward).sum(axis=-1),
         normal,
-        friction=friction,
-        patch_k_m=plan.patch_k_m,
-        spine_shear_N=plan.spine_shear_n * spines,
-        spine_twist_Nm=plan.spine_twist_nm * spines,
+        friction=on.friction,
+        patch_k_m=plan.patch_k_m * on.share,
+        spine_shear_N=plan.spine_shear_n * on.spines,
+        spine_twist_Nm=plan.spine_twist_nm * on.spines,
     )
-    most = friction * np.maximum(normal, 0.0)
+    most = on.friction * np.maximum(normal, 0.0)
     return Grip(margin, np.divide(most - margin, most, out=np.full_like(margin, np.inf), where=most > 0))
 
 
@@ -132,13 +142,12 @@ def planned_margin_n(plan: Any) -> np.ndarray:
 def planned_grip(plan: Any) -> Grip:
     """Of fingers 1 and 2 of every limb at every knot, (K, 4, 2); NaN in the air."""
     series = plan_series(plan)
-    friction, spines = _surfaces(plan, series)
     axis = series.opening_axis
     outward = _outward(axis, series.on_wall)
     moment, leaning = series.finger_moment_nm, _Leaning.of(plan, series, outward)
     if leaning is not None:
         outward, moment = leaning.normal, moment - np.cross(leaning.touch_m, series.finger_force_n)
-    grip = _grip(plan, series.finger_force_n, moment, outward, friction, spines)
+    grip = _grip(plan, series.finger_force_n, moment, outward, _surfaces(plan, series))
     return grip.where(series.stance[..., None])
 
 
@@ -184,7 +193,6 @@ def measured_grip(log: Telemetry, filter_s: float) -> Grip:
     """
     plan = log.plan
     series = plan_series(plan)
-    friction, spines = _surfaces(plan, series)
     knot = series.knot_at(log.state["plan_time_s"])
     rotation = rotations_from_quaternions(log.limbs["gripper_quaternion_w"].reshape(-1, 4)).reshape(-1, 4, 3, 3)
     axis = rotation[..., 0]
@@ -197,5 +205,5 @@ def measured_grip(log: Telemetry, filter_s: float) -> Grip:
     on_wall = series.on_wall[knot][..., None, None]
     force = np.where(on_wall, np.stack([whole[0], whole[0]], axis=2) / 2, force)
     moment = np.where(on_wall, 0.0, moment)  # two pads beside each other bear what a point does not
-    grip = _grip(plan, force, moment, outward, friction[knot], spines[knot])
+    grip = _grip(plan, force, moment, outward, _surfaces(plan, series).at(knot))
     return grip.where((in_full_stance(log) & series.stance[knot])[..., None])

@@ -1,4 +1,4 @@
-"""The surfaces of a plan's wall, from the scenario that it carries."""
+"""The surfaces of a plan's wall, and what of pads bears on its holds, from the scenario that it carries."""
 
 from __future__ import annotations
 
@@ -12,6 +12,13 @@ from crux_msgs import hold_t
 def wall_of(plan: Any) -> Wall:
     """Of a plan_t."""
     return parse_scenario(plan.scenario_yaml, any_robot=True).wall
+
+
+def pad_shares_of(plan: Any) -> list[tuple[float, ...]]:
+    """Of each hold and obstacle of a plan_t, by its faces (+x, -x, +y, -y, top): what of a pad bears there."""
+    holds = parse_scenario(plan.scenario_yaml, any_robot=True).holds
+    known = {hold.name: (*hold.pad_share, 1.0) for hold in holds}
+    return [known.get(hold.name, (1.0,) * 5) for hold in plan.holds]
 
 
 def box(foot_w_m: Sequence[float], size_m: Sequence[float], name: str = "") -> hold_t:
