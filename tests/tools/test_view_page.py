@@ -56,15 +56,20 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     return known(path)
 
 
+@pytest.fixture
+def page(opened: Page) -> Page:
+    """Of the plan, with all that the test before has asked for: on a busy machine an answer comes late."""
+    opened.wait_until(READY)
+    return opened
+
+
 @pytest.fixture(scope="module")
-def page(plan: Recording) -> Iterator[Page]:
-    """Of the plan."""
+def opened(plan: Recording) -> Iterator[Page]:
     viewer = Viewer([still(plan)], "127.0.0.1", 0)
     try:
-        with open_page(viewer.url + "/#t=1.0", (900, 600)) as opened:
-            opened.wait_until(READY)
-            yield opened
-            assert opened.errors == []
+        with open_page(viewer.url + "/#t=1.0", (900, 600)) as found:
+            yield found
+            assert found.errors == []
     finally:
         viewer.close()
 
