@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -12,11 +11,9 @@ import crux_planner
 import numpy as np
 import pytest
 from climbs import climbs_and_replays
-from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_msgs import plan_t
-from crux_planner.checker import check_plan
 from crux_planner.checker.limit_surface import cone_excess, finger_loads, pad_shares
 from crux_planner.checker.plan_arrays import read_plan
 from crux_planner.checker.report import Findings
@@ -31,7 +28,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from shared_plans import unproven
-from turned import turned
+from turned import changed_violations, turned
 
 ROBOT = load_robot("scaler")
 START, GOAL = "left-front-low", "left-front-high"
@@ -69,14 +66,7 @@ def places(plan: plan_t, hold: str) -> np.ndarray:
 
 
 def violations(change: Callable[[plan_t], None], old: str = "", new: str = "") -> set[str]:
-    """Of the plan with something changed, also in its scenario's text."""
-    plan = plan_t.decode(planned().plan.encode())
-    assert old in plan.scenario_yaml
-    plan.scenario_yaml = plan.scenario_yaml.replace(old, new)
-    plan.scenario_sha256 = hashlib.sha256(plan.scenario_yaml.encode()).hexdigest()
-    change(plan)
-    plan.plan_id = plan_id(plan)
-    return {violation.constraint for violation in check_plan(plan, ROBOT).violations}
+    return changed_violations(planned().plan, ROBOT, change, old, new)
 
 
 def test_grippers_are_at_the_grips() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from functools import cache
 
@@ -10,15 +9,13 @@ import crux_planner
 import numpy as np
 import pytest
 from at_pace import is_quick
-from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError
 from crux_msgs import plan_t
-from crux_planner.checker import check_plan
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.replan import Planner
 from scipy.spatial.transform import Rotation
-from turned import ROLL_DEG, turned
+from turned import ROLL_DEG, changed_violations, turned
 
 ROBOT = load_robot("scaler")
 LF = 0
@@ -30,14 +27,7 @@ def planned() -> PlanResult:
 
 
 def violations(change: Callable[[plan_t], None], old: str = "", new: str = "") -> set[str]:
-    """Of the plan with something changed, also in its scenario's text."""
-    plan = plan_t.decode(planned().plan.encode())
-    assert old in plan.scenario_yaml
-    plan.scenario_yaml = plan.scenario_yaml.replace(old, new)
-    plan.scenario_sha256 = hashlib.sha256(plan.scenario_yaml.encode()).hexdigest()
-    change(plan)
-    plan.plan_id = plan_id(plan)
-    return {violation.constraint for violation in check_plan(plan, ROBOT).violations}
+    return changed_violations(planned().plan, ROBOT, change, old, new)
 
 
 def test_it_is_planned_and_passes_the_check() -> None:
