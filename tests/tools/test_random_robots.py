@@ -28,7 +28,7 @@ def test_limbs_are_not_alike_and_the_robot_is_taken(tmp_path: Path) -> None:
 def test_those_that_are_called_able_climb(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Hours: some minutes a robot, whose limbs' reach is mapped and whose wall is planned up to four times."""
+    """Half an hour: the reach of each robot's limbs is mapped, and its wall is planned up to four times."""
     monkeypatch.setenv("CRUX_ROBOTS", str(tmp_path))
     climbed: dict[int, bool] = {}  # by seed, of those that are called able
     for seed in range(1, MOST_DRAWN + 1):
