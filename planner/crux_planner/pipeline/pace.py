@@ -100,7 +100,7 @@ def least_times_s(series: PlanSeries, robot: Robot, shares: SwingShares) -> Arra
     return least_s
 
 
-def set_times(plan: plan_t, step_s: Array, problem: Problem, squeeze_N: Array | None = None) -> None:
+def set_times(plan: plan_t, step_s: Array, problem: Problem, squeeze_N: Array) -> None:
     """The plan with these times of its intervals (N,), in place: velocities, and wrenches that balance the body, while
     fingers squeeze by (N, 4) harder.
     """
