@@ -14,18 +14,14 @@ from crux_planner.pipeline.restart import with_objective
 from crux_planner.pipeline.session import Work
 
 
-def in_least_time(found: PlanResult, robot: Robot) -> PlanResult:
+def is_quick(found: PlanResult, robot: Robot) -> bool:
+    """Whether it takes less than 0.4 of the time at the pace of the least time, and passes the check there."""
     scenario = with_objective(parse_scenario(found.plan.scenario_yaml), "time")
     plan = plan_t.decode(found.plan.encode())
     plan.scenario_yaml, plan.scenario_sha256 = scenario.yaml_text, scenario.sha256
     plan.plan_id = plan_id(plan)
     silent = Work(lambda _what, _share: None, lambda _line: None)
-    return paced(replace(found, plan=plan), scenario, robot, silent)
-
-
-def is_quick(found: PlanResult, robot: Robot) -> bool:
-    """Whether it takes less than 0.4 of the time at the pace of the least time, and passes the check there."""
-    quick = in_least_time(found, robot)
+    quick = paced(replace(found, plan=plan), scenario, robot, silent)
     assert quick.check.ok
     assert quick.plan.format >= plan_t.FORMAT_OWN_TIMES
     return bool(quick.plan.knots[-1].time_s < 0.4 * found.plan.knots[-1].time_s)

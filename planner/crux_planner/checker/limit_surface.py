@@ -42,7 +42,8 @@ def cone_excess(
     """
     shear = np.maximum(np.abs(shear_N) - spine_shear_N[..., None], 0.0)
     twist = np.maximum(np.abs(twist_Nm) - spine_twist_Nm, 0.0)
-    point, k_m = np.less_equal(patch_k_m, 0.0), np.where(np.less_equal(patch_k_m, 0.0), 1.0, patch_k_m)
+    point = np.less_equal(patch_k_m, 0.0)
+    k_m = np.where(point, 1.0, patch_k_m)
     twist_as_force = np.where(point, np.where(twist > tolerances.MOMENT_NM, np.inf, 0.0), twist / k_m)
     sliding = np.sqrt((shear * shear).sum(axis=-1))
     demand = (sliding**DISC_POWER + twist_as_force**DISC_POWER) ** (1.0 / DISC_POWER)

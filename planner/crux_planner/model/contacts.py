@@ -127,13 +127,12 @@ class Contact:
     @property
     def normals(self) -> Array:
         """(2, 3) outward normals of the faces of fingers 1 and 2, which lean off the wall."""
-        c, s = np.cos(self.lean_rad), np.sin(self.lean_rad)
-        return np.asarray(np.outer(c * [1.0, -1.0], self.axis) + np.outer(s, self.up))
+        return face_normals(self.axis, self.up, self.lean_rad)
 
     @property
     def touch_m(self) -> Array:
         """(2, 3) where the pads of fingers 1 and 2 touch, off their faces on the opening axis."""
-        return self.pad_radius_m * (np.outer([1.0, -1.0], self.axis) - self.normals)
+        return touch_off_axis_m(self.axis, self.normals, self.pad_radius_m)
 
     @property
     def leaning_moments(self) -> Array:
@@ -155,6 +154,16 @@ class Contact:
     def tangent(self) -> Array:
         """Across the opening axis, in the wall's plane where the gripper is upright."""
         return self._rotation[:, 1]
+
+
+def face_normals(axis: Array, up: Array, lean_rad: Array) -> Array:
+    """(2, 3) outward normals of the faces of fingers 1 and 2, across an opening axis (3,), leaning by (2,) to `up`."""
+    return np.asarray(np.outer(np.cos(lean_rad) * [1.0, -1.0], axis) + np.outer(np.sin(lean_rad), up))
+
+
+def touch_off_axis_m(axis: Array, normals: Array, pad_radius_m: float) -> Array:
+    """(2, 3) where pads, which are balls, touch such faces, off their own faces on the axis."""
+    return np.asarray(pad_radius_m * (np.outer([1.0, -1.0], axis) - normals))
 
 
 @dataclass(frozen=True)

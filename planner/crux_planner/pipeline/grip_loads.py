@@ -9,6 +9,7 @@ from crux_contracts.plan_series import PlanSeries, plan_series
 from crux_msgs import plan_t
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.contacts import face_normals, touch_off_axis_m
 from crux_planner.model.hands import TILTED
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.mass import centres_of_mass
@@ -30,11 +31,9 @@ def bear_more(plan: plan_t, lack: Array, problem: Problem, squeeze_N: Array | No
     forces, moments = loads.forces, loads.moments
     forces[-1], moments[-1] = forces[-2], moments[-2]
     for k, limb in np.argwhere(loads.series.stance):
-        knot = plan.knots[k].limbs[limb]
-        knot.finger_force_w_n, knot.finger_moment_w_nm = (
-            forces[k, limb].ravel().tolist(),
-            moments[k, limb].ravel().tolist(),
-        )
+        grip = plan.knots[k].limbs[limb]
+        grip.finger_force_w_n = forces[k, limb].ravel().tolist()
+        grip.finger_moment_w_nm = moments[k, limb].ravel().tolist()
     plan.plan_id = plan_id(plan)
 
 
@@ -86,9 +85,8 @@ class _Loads:
         axis, across, up = self.turn[k, limb].T
         leaning, lean = None, self.lean_rad[k, limb]
         if lean.any():
-            outward = np.outer([1.0, -1.0], axis)
-            faces = np.cos(lean)[:, None] * outward + np.outer(np.sin(lean), up)
-            leaning = faces, self.problem.shape.pad_radius * (outward - faces)
+            normals = face_normals(axis, up, lean)
+            leaning = normals, touch_off_axis_m(axis, normals, self.problem.shape.pad_radius)
         return finger_forces(q, axis, across, leaning, up)
 
     def _effect(self, k: int, limb: int, q: Array) -> Array:

@@ -20,8 +20,7 @@ def on_moved_holds(running: plan_t, scenario: Scenario) -> plan_t:
     where none has moved. Wrenches, body and times stay, so that it is where a plan on that map is looked for, and none
     that holds there by itself.
     """
-    moved = {i: _Moved(hold, scenario) for i, hold in enumerate(running.holds) if _has_moved(hold, scenario)}
-    if not moved:
+    if not (moved := _moved(running, scenario)):
         return running
     plan = plan_t.decode(running.encode())
     for limb in range(len(plan.knots[0].limbs)):
@@ -53,10 +52,11 @@ class _Moved:
         return np.array([*(place_m - grip[:3]), math.remainder(yaw_rad - grip[3], math.tau), *(tilt_rad - grip[4:])])
 
 
-def _has_moved(hold: hold_t, scenario: Scenario) -> bool:
-    if not hold.graspable or hold.name not in [each.name for each in scenario.holds]:
-        return False
-    return _Moved(hold, scenario).has_moved
+def _moved(running: plan_t, scenario: Scenario) -> dict[int, _Moved]:
+    """The holds of a plan that the scenario has elsewhere, by their numbers."""
+    known = {hold.name for hold in scenario.holds}
+    found = {i: _Moved(hold, scenario) for i, hold in enumerate(running.holds) if hold.graspable and hold.name in known}
+    return {i: hold for i, hold in found.items() if hold.has_moved}
 
 
 def _between(held: list[int], k: int) -> list[tuple[int, float]]:

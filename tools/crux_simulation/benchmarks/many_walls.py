@@ -66,11 +66,7 @@ def wall_job(path: Path, limit_s: float, objective: str | None = None) -> WallJo
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"{path}: expected a scenario file: {error}") from None
-    return WallJob(path.stem, _asked(Wall(text=text), objective), time_limit_s=limit_s)
-
-
-def _asked(wall: Wall, objective: str | None) -> Wall:
-    return wall.planned(objective=objective) if objective else wall
+    return WallJob(path.stem, Wall(text=text).planned(objective=objective), time_limit_s=limit_s)
 
 
 def _jobs(options: argparse.Namespace) -> list[WallJob]:
@@ -78,9 +74,8 @@ def _jobs(options: argparse.Namespace) -> list[WallJob]:
         if options.wall:
             raise UsageError("--drawn: takes no scenario files beside it")
         seeds = range(options.seed, options.seed + options.drawn)
-        return [
-            WallJob(DRAWN, _asked(Wall(DRAWN, seed), options.objective), time_limit_s=options.limit) for seed in seeds
-        ]
+        walls = [Wall(DRAWN, seed).planned(objective=options.objective) for seed in seeds]
+        return [WallJob(DRAWN, wall, time_limit_s=options.limit) for wall in walls]
     paths = options.wall or sorted(WALLS.glob("*.yaml"))
     if not paths:
         raise UsageError(f"{WALLS}: no walls here; name scenario files")

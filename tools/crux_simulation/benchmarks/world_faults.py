@@ -288,8 +288,7 @@ class RestartJob(ClimbJob):
 
 def job_of(fault: Fault, index: int, seed: int, objective: str | None = None) -> ClimbJob:
     """Shipped scenes and random walls in turn."""
-    wall = wall_of(index, seed)
-    wall = wall.planned(objective=objective) if objective else wall
+    wall = wall_of(index, seed).planned(objective=objective)
     if fault.kind == RESTARTS:
         return RestartJob(RESTARTS, wall, seed, objective=objective)
     job = ScheduledFaultJob if fault.kind in SCHEDULED else WorldFaultJob

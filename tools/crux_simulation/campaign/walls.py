@@ -38,7 +38,10 @@ class Wall:
         return self.text or GENERATORS[self.kind](self.seed, **dict(self.settings))
 
     def planned(self, **planner: Any) -> Wall:
-        """The same wall with these keys of the scenario's `planner`."""
+        """The same wall with these keys of the scenario's `planner`; what is None stays as the wall has it."""
+        asked = {key: value for key, value in planner.items() if value is not None}
+        if not asked:
+            return self
         content = scenario_document(self.scenario())
-        content["planner"] = {**content.get("planner", {}), **planner}
+        content["planner"] = {**content.get("planner", {}), **asked}
         return Wall(seed=self.seed, text=yaml.safe_dump(content, sort_keys=False))
