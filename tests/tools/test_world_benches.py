@@ -6,7 +6,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import FAULT_BY_CODE
 from crux_contracts.plan_file import write_plan
@@ -14,6 +16,7 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
 from crux_msgs import plan_t
 from crux_simulation.benchmarks import world_faults, worlds
+from crux_simulation.benchmarks.like_walls import SCATTER_M, YAW_DEG
 from crux_simulation.benchmarks.world_faults import (
     BESIDE,
     IN_THE_WORLD,
@@ -34,6 +37,7 @@ from crux_simulation.campaign.job import PLAN_FILE, WorldFile
 from crux_simulation.sim.fault_file import read_faults
 from crux_simulation.sim.world_file import read_world
 from crux_tools.cli import main
+from crux_tools.paths import SCENARIOS
 from hand_plan import climbing_plan, standing_plan
 from shared_plans import SharedPlans
 from short_climb import with_a_spare_hold
@@ -126,7 +130,9 @@ def test_a_kind_of_fault_has_walls_of_both_kinds() -> None:
         assert {bool(first.wall.kind), bool(second.wall.kind)} == {False, True}
     some = world_faults.jobs_of(2, 1, ("hold-breaks",))
     assert some == [job for job in jobs if job.walls == "hold-breaks"], "alone it is climbed as among all"
-    for job, fast in zip(some, world_faults.jobs_of(2, 1, ("hold-breaks",), "time"), strict=True):
+    for job, fast in zip(
+        some, world_faults.jobs_of(2, 1, ("hold-breaks",), worlds.Walls(objective="time")), strict=True
+    ):
         assert parse_scenario(fast.wall.scenario()).planner.objective == "time"
         assert (fast.wall.planned(objective="paper"), fast.seed) == (job.wall.planned(objective="paper"), job.seed)
 
@@ -276,8 +282,31 @@ def test_grips_are_counted_in_physics_as_a_hold_breaks(plan: plan_t, tmp_path: P
     """LF is in the air 9 s after power-on."""
     for at_s, grips_left in ((4.5, 3), (9.5, 2)):
         text = f"version: 1\nname: x\nholds: {{1: {{breaks_at_s: {at_s}}}}}\n"
-        job = world_faults.WorldFaultJob("hold-breaks", worlds.wall_of(0, 0), 0, WorldFile("x", text))
+        job = world_faults.WorldFaultJob("hold-breaks", worlds.USUAL.of(0, 0), 0, WorldFile("x", text))
         assert job._climb(plan, load_robot("scaler"), tmp_path)["grips_left"] == grips_left
+
+
+def test_walls_like_a_given_one_have_its_robot_and_holds_that_are_scattered() -> None:
+    given = yaml.safe_load((SCENARIOS / "climb-makers.yaml").read_text(encoding="utf-8"))
+    walls = worlds.Walls(SCENARIOS / "climb-makers.yaml", "time")
+    drawn = [yaml.safe_load(walls.of(0, seed).scenario()) for seed in (1, 1, 2)]
+    assert drawn[0] == drawn[1] != drawn[2]
+    assert drawn[0]["robot"] == "scaler-makers"
+    assert drawn[0]["planner"]["objective"] == "time"
+    for scene in drawn:
+        for hold, old in zip(scene["holds"], given["holds"], strict=True):
+            off_m = np.subtract(hold["position_m"], old["position_m"])
+            assert 0.0 < np.abs(off_m).max() <= SCATTER_M
+            assert 0.0 < abs(hold["yaw_deg"] - old["yaw_deg"]) <= YAW_DEG
+            assert hold["size_m"] == old["size_m"]
+    restart = job_of(Fault(RESTARTS, ""), 0, 7, walls).climb_command()
+    assert f"--like {(SCENARIOS / 'climb-makers.yaml').resolve()} --objective time" in restart
+
+
+def test_walls_like_none_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    missing = tmp_path / "none.yaml"
+    assert main(["bench", "worlds", "--like", str(missing), "--output", str(tmp_path / "out")]) == 2
+    assert str(missing) in capsys.readouterr().err
 
 
 def test_causes_are_counted_without_their_numbers() -> None:

@@ -23,6 +23,7 @@ from crux_tools.report.results import FAILED, HELD, LOG_FILE
 
 from crux_simulation.benchmarks import world_faults
 from crux_simulation.benchmarks.cold_process import CRUX, GUEST, crux_json
+from crux_simulation.benchmarks.worlds import add_like_option
 from crux_simulation.campaign.command import add_cluster_options
 from crux_simulation.campaign.job import NOMINAL, PLAN_FILE, Outcome
 from crux_simulation.sim.fault_file import NODE_TWICE, ON_ANY_BUS, ON_SOCKETCAN
@@ -105,6 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--objective", choices=OBJECTIVES, help="with --world: what climbs are planned for (default: as walls say)"
     )
+    add_like_option(parser)
     parser.add_argument(
         "--output", type=Path, default=Path("out/bench-faults"), metavar="DIR", help="for results, and logs of failures"
     )

@@ -32,7 +32,7 @@ from crux_tools.output import note, print_json
 from crux_tools.report.results import LOG_FILE, Row
 
 from crux_simulation.benchmarks.cold_process import CRUX, GUEST, crux_json
-from crux_simulation.benchmarks.worlds import wall_of
+from crux_simulation.benchmarks.worlds import USUAL, Walls
 from crux_simulation.campaign.job import AGAIN_FILE, PLAN_FILE, ClimbJob, WorldFile
 
 
@@ -261,12 +261,14 @@ class ScheduledFaultJob(ClimbJob):
 class RestartJob(ClimbJob):
     """A climb whose runtime dies, starts again and is led on by a guide."""
 
-    objective: str | None = None
+    drawn_by: str = ""
+    """the options that draw its wall"""
 
     def climb_command(self) -> str:
         """Another campaign, of this climb alone."""
-        objective = f" --objective {self.objective}" if self.objective else ""
-        return f"crux bench faults --world --kinds {RESTARTS} --count 1 --seed {self.seed}{objective} --output again"
+        return (
+            f"crux bench faults --world --kinds {RESTARTS} --count 1 --seed {self.seed}{self.drawn_by} --output again"
+        )
 
     def _climb(self, plan: Any, robot: Any, folder: Path) -> dict[str, Any]:
         from crux_simulation.sim.restarting import Restarting
@@ -286,19 +288,17 @@ class RestartJob(ClimbJob):
         return end | {"ok": ok, "lost_grips": list(verdict.lost_grips), "reason": reason}
 
 
-def job_of(fault: Fault, index: int, seed: int, objective: str | None = None) -> ClimbJob:
-    """Shipped scenes and random walls in turn."""
-    wall = wall_of(index, seed).planned(objective=objective)
+def job_of(fault: Fault, index: int, seed: int, walls: Walls = USUAL) -> ClimbJob:
+    """A climb with that fault."""
+    wall = walls.of(index, seed)
     if fault.kind == RESTARTS:
-        return RestartJob(RESTARTS, wall, seed, objective=objective)
+        return RestartJob(RESTARTS, wall, seed, drawn_by=walls.words())
     job = ScheduledFaultJob if fault.kind in SCHEDULED else WorldFaultJob
     return job(fault.kind, wall, seed, FaultyWorld(fault.kind, "drawn for its plan"))
 
 
-def jobs_of(
-    count: int, first_seed: int, kinds: Collection[str] = tuple(KINDS), objective: str | None = None
-) -> list[ClimbJob]:
-    """Climbs with one fault each, of the first seeds whose faults are of `kinds`; None: planned as the walls say."""
+def jobs_of(count: int, first_seed: int, kinds: Collection[str] = tuple(KINDS), walls: Walls = USUAL) -> list[ClimbJob]:
+    """Climbs with one fault each, of the first seeds whose faults are of `kinds`."""
     jobs = list[ClimbJob]()
     for turn in itertools.count():
         if len(jobs) == count:
@@ -306,7 +306,7 @@ def jobs_of(
         fault = draw_fault(first_seed + turn)
         if fault.kind in kinds:  # other walls in every round, or a kind would always have the same
             index = turn % len(KINDS) + turn // len(KINDS)
-            jobs.append(job_of(fault, index, first_seed + turn, objective))
+            jobs.append(job_of(fault, index, first_seed + turn, walls))
     return jobs
 
 
@@ -372,7 +372,7 @@ def run(options: argparse.Namespace) -> int:
     ended at the goal."""
     from crux_simulation.campaign.engine import run_anew
 
-    jobs = jobs_of(options.count, options.seed, options.kinds, options.objective)
+    jobs = jobs_of(options.count, options.seed, options.kinds, Walls(options.like, options.objective))
     rows = run_anew(jobs, options.output, options, "climbing with one fault")
     endings = [ending_of(row, draw_fault(row["seed"])) for row in rows if "climb" in row]
     ok = all(not end.fell and not end.lost_grip and (end.climbed or end.told) for end in endings)
