@@ -11,6 +11,8 @@ import pytest
 from climbs import climbs_and_replays
 from crux_contracts.robot import Robot, load_robot
 from crux_contracts.scenario import parse_scenario
+from crux_simulation.sim.world import JointChange, World
+from crux_simulation.sim.world_model import change_robot
 from crux_tools import cli
 from crux_tools.report.pictures import place_measured
 from crux_tools.robot.described import described
@@ -43,6 +45,28 @@ def rods_off_m(model: RobotModel, data: mujoco.MjData) -> np.ndarray:
 def actuators_of(robot: Robot, q_rad: np.ndarray) -> np.ndarray:
     each = zip(robot.limbs, q_rad.reshape(4, 6), strict=True)
     return np.array([limb.transmission.actuators_rad(q) for limb, q in each])
+
+
+def test_play_of_a_cranks_drive_lets_the_crank_move_behind_its_motor(robot: Robot) -> None:
+    """How far, from where the elbow goes as its link is pushed to and fro while all motors stand."""
+    world = World("loose", "", 0, joints={"LF.3": JointChange(backlash_rad=0.02)})
+    model = build_model(robot, standing_plan(), lambda spec: change_robot(spec, robot, world))
+    data = mujoco.MjData(model.model)
+    model.model.opt.gravity[:] = 0.0
+    model.model.dof_damping[[*range(6), *model.driven_dof]] = 1e7
+    data.qpos[2] = 1.0  # off the wall
+    data.qpos[model.joint_qpos] = posture(robot, 1).ravel()
+    close_linkages(robot, model.model, data)
+    elbow, cranks, plays = model.model.joint(robot.limbs[0].joint_names[2]), [], []
+    for torque_Nm in (-2.0, 2.0):
+        for _ in range(400):
+            data.xfrc_applied[elbow.bodyid[0], 3:] = torque_Nm * data.xaxis[elbow.id]
+            mujoco.mj_step(model.model, data)
+        cranks.append(actuators_of(robot, data.qpos[model.joint_qpos])[0, 2])
+        plays.append(data.joint("LF/crank_play").qpos[0])
+        assert rods_off_m(model, data).max() < 2e-4
+    np.testing.assert_allclose(sorted(plays), (-0.01, 0.01), atol=4e-4)
+    assert abs(cranks[1] - cranks[0]) == pytest.approx(0.02, abs=2.5e-3)  # the rod gives by 0.8 mrad to either side
 
 
 @pytest.mark.parametrize("seed", range(3))

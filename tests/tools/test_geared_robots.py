@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +12,12 @@ import numpy as np
 import pytest
 from climbs import climbs_and_replays
 from crux_contracts.joint_loop_checks import borne_dead_time_s
-from crux_contracts.robot import load_robot
+from crux_contracts.robot import Robot, load_robot
 from crux_contracts.scenario import parse_scenario
+from crux_simulation.sim.climb import ClimbOptions, plant_of
+from crux_simulation.sim.plant import Plant
 from crux_simulation.sim.world import JointChange, World
+from crux_simulation.sim.world_file import parse_world
 from crux_simulation.sim.world_model import change_robot
 from crux_tools.errors import UsageError
 from crux_tools.report.pictures import place_measured
@@ -52,13 +57,46 @@ def test_physics_turns_joints_by_the_power_of_actuators(section: dict[str, Any],
         assert made @ dq == pytest.approx(torque[own] @ speeds[own])
 
 
-def test_worlds_with_play_in_joints_with_gears_are_refused(tmp_path: Path) -> None:
-    robot = load_robot(with_transmissions(GEARED, tmp_path))
-    changed = World("loose", "", 0, joints={"LF.2": JointChange(backlash_rad=0.01)})
-    change_robot(urdf_spec(load_robot("scaler")), load_robot("scaler"), changed)
-    with pytest.raises(UsageError, match="no friction, play or elasticity"):
-        change_robot(urdf_spec(robot), robot, changed)
-    change_robot(urdf_spec(robot), robot, World("weak", "", 0, joints={"LF.2": JointChange(torque_factor=0.8)}))
+def _in_the_air(robot: Robot, drive: Callable[[float], dict[str, float]]) -> Plant:
+    """With `drive(ratio)` in every drive of its front left limb."""
+    joints = {f"LF.{number}": drive(ratio) for number, ratio in enumerate(_ratios_of(robot), 1)}
+    text = json.dumps({"version": 1, "name": "x", "holds": {"all": {"present": False}}, "robot": {"joints": joints}})
+    plan = standing_plan()
+    return plant_of(plan, robot, ClimbOptions(seed=3, world=parse_world(text.encode()).draw(0, plan)))
+
+
+def _ratios_of(robot: Robot) -> list[float]:
+    return [float(ratio) for ratio in np.diag(robot.limbs[0].transmission.matrix)]
+
+
+@pytest.mark.parametrize("stiffness", [{}, {"stiffness_Nm_rad": 400.0}], ids=["rigid", "elastic"])
+def test_play_friction_and_elasticity_behind_gears_are_those_of_a_joint(
+    stiffness: dict[str, float], tmp_path: Path
+) -> None:
+    """Motions of the geared robot and of the plain one, in whose joints the same lies, for the same power."""
+
+    def drive(ratio: float) -> dict[str, float]:
+        turned = {"backlash_rad": 0.02 * abs(ratio), "friction_Nm": 0.1 / abs(ratio), "stiction_Nm": 0.1 / abs(ratio)}
+        return turned | {key: value / ratio**2 for key, value in stiffness.items()}
+
+    torque, motions = np.random.default_rng(5).uniform(-2.0, 2.0, (100, 24)), []
+    for robot in (load_robot("scaler"), load_robot(with_transmissions(GEARED, tmp_path))):
+        plant, ratio = _in_the_air(robot, drive), np.tile(_ratios_of(robot), 4)
+        for told in torque:
+            plant.step(told / ratio, np.zeros(4))
+        plays = [plant.model.joint(f"{name}_play").qposadr[0] for name in robot.limbs[0].joint_names]
+        motions.append(plant.data.qpos[[*plant.robot.joint_qpos, *plays]])
+    np.testing.assert_allclose(motions[1], motions[0], atol=1e-7)
+    assert np.abs(motions[0][24:]).max() > 0.005, "links moved against their motors"
+
+
+def test_play_behind_a_drive_of_two_joints_is_refused(tmp_path: Path) -> None:
+    robot = load_robot(with_transmissions(COUPLED, tmp_path))
+    spec = urdf_spec(robot)
+    with pytest.raises(UsageError, match=r"joints\.LF\.3: no friction, play or elasticity in drives that move two"):
+        change_robot(spec, robot, World("loose", "", 0, joints={"LF.3": JointChange(backlash_rad=0.01)}))
+    change_robot(spec, robot, World("loose", "", 0, joints={"LF.2": JointChange(backlash_rad=0.01)}))
+    change_robot(spec, robot, World("weak", "", 0, joints={"LF.3": JointChange(torque_factor=0.8)}))
 
 
 def test_a_robot_with_gears_signs_offsets_and_a_belt_climbs(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import FACE_NAMES
 from crux_msgs import limb_knot_t, plan_t
 from crux_tools.errors import UsageError
+from crux_tools.robot3d.linkages import driven_names
 from crux_tools.robot3d.robot_model import RobotModel, finger_joints, slot_names
 from crux_tools.telemetry.rotations import hold_rotation, rotation_from_rpy, rpy_of
 
@@ -29,6 +30,7 @@ PLAY_ARMATURE_KG_M2 = 1e-4  # of what is between motor and link
 PLAY_DAMPING_NMS_RAD = 0.05
 PLAY_SOLREF = (0.004, 1.0)  # the stiffest that steps of 2 ms bear
 PLAY_SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)  # stops that give 0.2 mrad at 5 Nm; stiffer ones let loaded pads creep
+CRANK_PLAY_SOLIMP = (0.9996, 0.9998, 0.001, 0.5, 2.0)  # as stiff, where no link's inertia hangs on the hinge
 STIFF_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # friction that holds instead of creeping
 SPRING_DAMPING_RATIO = 0.1  # against the motor's inertia
 HOLD_MASS_KG = 1.0  # of a hold that gives: enough that steps of 2 ms bear the stiffest
@@ -81,12 +83,15 @@ def change_robot(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
             name="payload", pos=world.payload.position_m, ipos=[0, 0, 0], mass=world.payload.mass_kg,
             inertia=[1e-6] * 3, explicitinertial=True,
         )  # fmt: skip
-    for name, place in zip(slot_names(robot), joint_names(robot.slots), strict=True):
-        if place in world.joints:
-            change = world.joints[place]
-            if change.mechanical and not all(limb.transmission.direct for limb in robot.limbs):
-                raise UsageError(f"joints.{place}: no friction, play or elasticity where there are transmissions")
-            _change_joint(spec.joint(name), change)
+    turned, ratios = driven_names(robot), _ratios(robot)
+    for name, place, ratio in zip(slot_names(robot), joint_names(robot.slots), ratios, strict=True):
+        change = world.joints.get(place, JointChange())
+        if not change.mechanical:
+            continue
+        if math.isnan(ratio):
+            raise UsageError(f"joints.{place}: no friction, play or elasticity in drives that move two joints")
+        solimp = CRANK_PLAY_SOLIMP if name in turned else PLAY_SOLIMP
+        _change_drive(spec.joint(turned.get(name, name)), change, ratio, solimp)
     for name, limb in zip(finger_joints(robot), np.repeat(LIMB_NAMES, 2), strict=True):
         if limb in world.grippers:
             spec.joint(name).solimp_friction, spec.joint(name).solref_friction = STIFF_SOLIMP, PLAY_SOLREF
@@ -145,18 +150,30 @@ def loosen_holds(spec: mujoco.MjSpec, plan: plan_t, world: World) -> None:
             )
 
 
-def _change_joint(joint: Any, change: JointChange) -> None:
-    """Motor and link turn about the same axis: the joint itself is the motor's, what lies between has its own."""
+def _ratios(robot: Robot) -> list[float]:
+    """(4 S,) of actuators to the hinges that they turn, NaN where they turn two, 1 where there is none."""
+    found = []
+    for limb in robot.limbs:
+        own = [turns[np.flatnonzero(turns)] for turns in limb.transmission.matrix]
+        found += [float(each[0]) if len(each) == 1 else math.nan for each in own]
+        found += [1.0] * (robot.slots - len(own))
+    return found
+
+
+def _change_drive(joint: Any, change: JointChange, ratio: float, play_solimp: tuple[float, ...]) -> None:
+    """Motor and link turn about the same axis: the hinge itself is the motor's, what lies between has its own. What the
+    world says is in the actuator's angles.
+    """
     if change.friction_Nm + change.stiction_Nm > 0:
-        joint.frictionloss += change.friction_Nm
+        joint.frictionloss += abs(ratio) * change.friction_Nm
         joint.solimp_friction, joint.solref_friction = STIFF_SOLIMP, PLAY_SOLREF
     if change.backlash_rad > 0 or math.isfinite(change.stiffness_Nm_rad):
-        half, rigid = change.backlash_rad / 2, math.isinf(change.stiffness_Nm_rad)
-        stiffness = 0.0 if rigid else change.stiffness_Nm_rad
+        half, rigid = change.backlash_rad / 2 / abs(ratio), math.isinf(change.stiffness_Nm_rad)
+        stiffness = 0.0 if rigid else ratio**2 * change.stiffness_Nm_rad
         joint.parent.add_joint(
             name=_play(joint.name), axis=joint.axis, pos=joint.pos, type=joint.type, armature=PLAY_ARMATURE_KG_M2,
             damping=[PLAY_DAMPING_NMS_RAD + 2 * SPRING_DAMPING_RATIO * math.sqrt(stiffness * joint.armature), 0, 0],
-            limited=rigid, range=[-half, half], solref_limit=PLAY_SOLREF, solimp_limit=PLAY_SOLIMP,
+            limited=rigid, range=[-half, half], solref_limit=PLAY_SOLREF, solimp_limit=play_solimp,
         )  # fmt: skip
 
 
@@ -199,18 +216,19 @@ def plant_world(world: World, robot: RobotModel, names: Sequence[str]) -> PlantW
         for push in world.pushes
     ]
     elastic = [math.isfinite(joint.stiffness_Nm_rad) for joint in joints]
+    turned, ratio = driven_names(robot.robot), np.abs(robot.ratio)
     slots = zip(slot_names(robot.robot), elastic, strict=True)
-    plays = [robot.model.joint(_play(name)) if gives else None for name, gives in slots]
+    plays = [robot.model.joint(_play(turned.get(name, name))) if gives else None for name, gives in slots]
     numbers = PlantWorld(ambient_degc=world.ambient_degC, gone_m=GONE_M)
     columns: dict[str, Any] = {
         "torque_factor": [joint.torque_factor for joint in joints],
         "torque_limit_nm": [joint.torque_limit_Nm for joint in joints],
         "torque_share": np.where(lags > 0, 1 - np.exp(-dt_s / np.maximum(lags, 1e-9)), 1.0),
-        "half_play_rad": [joint.backlash_rad / 2 for joint in joints],
-        "stiffness_nm_rad": [joint.stiffness_Nm_rad for joint in joints],
+        "half_play_rad": np.array([joint.backlash_rad / 2 for joint in joints]) / ratio,
+        "stiffness_nm_rad": np.array([joint.stiffness_Nm_rad for joint in joints]) * ratio**2,
         "play_qpos": [-1 if play is None else play.qposadr[0] for play in plays],
         "play_dof": [-1 if play is None else play.dofadr[0] for play in plays],
-        "stiction_nm": [joint.stiction_Nm for joint in joints],
+        "stiction_nm": np.array([joint.stiction_Nm for joint in joints]) * ratio,
         "heating_k_nm2": [joint.heating_K_Nm2 for joint in joints],
         "heating_time_s": [joint.heating_time_s for joint in joints],
         "dead_cycles": [round(joint.dead_cycles) for joint in joints],
