@@ -1,7 +1,7 @@
 # The one place of commands. `make help` lists them.
 SHELL := /bin/sh
 JOBS ?= $(shell nproc)
-SCENARIO ?= msgs/scenarios/climb-four-holds.yaml
+SCENARIO ?= msgs/scenarios/climb-makers.yaml
 OBJECTIVE ?= balanced
 OUT ?= out
 ARCHITECTURES ?= amd64 arm64

@@ -12,8 +12,8 @@ from crux_tools.arguments import taught
 from crux_tools.output import add_json_option, note, print_json
 from crux_tools.paths import SCENARIOS
 
-SCENARIO = "climb-four-holds.yaml"
-_DESCRIPTION = """Plans a climb on a 45 degree wall with four holds on each side, runs it in simulation and writes a
+SCENARIO = "climb-makers.yaml"
+_DESCRIPTION = """Plans a climb of the makers' SCALER on a 45 degree wall of eight holds, runs it in simulation and writes a
 report, with the commands crux plan and crux climb, which it prints. FOLDER then holds plan.mcap, climb.mcap and
 report.html. Exit status 0: the robot is at the goal, without slip or fall."""
 
@@ -21,7 +21,7 @@ report.html. Exit status 0: the robot is at the goal, without slip or fall."""
 def add_parser(subparsers: Any) -> None:
     """Adds the parser of `crux demo`."""
     parser = subparsers.add_parser(
-        "demo", help="plan a wall of four holds and climb it in simulation", **taught(_DESCRIPTION, "crux demo -o out")
+        "demo", help="plan a wall of eight holds and climb it in simulation", **taught(_DESCRIPTION, "crux demo -o out")
     )
     folder = "where plan, log and report go (default: %(default)s)"
     parser.add_argument("-o", "--output", type=Path, default=Path("crux-demo"), metavar="FOLDER", help=folder)
