@@ -6,12 +6,17 @@ import json
 import re
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
 from climbs import climbs_and_replays
 from crux_contracts.robot import ROBOTS, load_robot
 from crux_contracts.scenario import load_scenario
 from crux_tools import cli
 from crux_tools.paths import ROOT
+from crux_tools.robot3d.robot_model import build_model
+from crux_tools.view.bodies import Bodies
+from hand_plan import standing_plan
 from shared_plans import unproven
 
 TELEOPERATED = """
@@ -30,6 +35,20 @@ def test_it_is_what_import_writes(tmp_path: Path, capsys: pytest.CaptureFixture[
     capsys.readouterr()
     for name in ("robot.yaml", f"{NAME}.urdf"):
         assert (ROBOTS / NAME / name).read_bytes() == (tmp_path / NAME / name).read_bytes()
+
+
+def test_what_carries_its_shoulders_is_seen_and_touches_nothing() -> None:
+    robot = load_robot(NAME)
+    model = build_model(robot, standing_plan())
+    on_base = np.flatnonzero(model.model.geom_bodyid == model.body)
+    touching = model.model.geom_contype[on_base] + model.model.geom_conaffinity[on_base] > 0
+    seen = model.model.geom_rgba[on_base, 3] > 0
+    assert (touching.sum(), seen.sum()) == (1, 5), "a box that collides; the same and four struts to look at"
+    assert (touching != seen).all()
+    bodies = Bodies(model, mujoco.MjData(model.model))
+    trunk = int(np.searchsorted(bodies.moving, model.body))
+    shown = [shape["kind"] for shape in bodies.shapes({}) if shape["body"] == trunk]
+    assert sorted(shown) == ["box", *["cylinder"] * 4, *["sphere"] * 8]
 
 
 def test_it_climbs_one_step_of_its_wall(tmp_path: Path) -> None:

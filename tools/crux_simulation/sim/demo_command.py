@@ -13,9 +13,9 @@ from crux_tools.output import add_json_option, note, print_json
 from crux_tools.paths import SCENARIOS
 
 SCENARIO = "climb-makers.yaml"
-_DESCRIPTION = """Plans a climb of the makers' SCALER on a 45 degree wall of eight holds, runs it in simulation and writes a
-report, with the commands crux plan and crux climb, which it prints. FOLDER then holds plan.mcap, climb.mcap and
-report.html. Exit status 0: the robot is at the goal, without slip or fall."""
+_DESCRIPTION = """Plans a climb of the makers' SCALER on a 45 degree wall of eight holds, runs it in simulation and
+writes a report, with the commands crux plan and crux climb, which it prints. FOLDER then holds plan.mcap, climb.mcap
+and report.html. Exit status 0: the robot is at the goal, without slip or fall."""
 
 
 def add_parser(subparsers: Any) -> None:

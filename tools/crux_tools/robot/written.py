@@ -20,6 +20,12 @@ from crux_tools.robot.serial import ROUND_M, SNAP, Part, Pose, SerialLimb, bare_
 
 Array = NDArray[np.float64]
 RIGHT = math.pi / 2
+ORIGIN = np.zeros(3)
+COLOURS = {
+    "trunk": "0.25 0.30 0.40 1", "one": "0.80 0.50 0.10 1", "next": "0.90 0.70 0.20 1",
+    "palm": "0.30 0.30 0.35 1", "finger": "0.60 0.10 0.10 1",
+}  # fmt: skip
+LINK_COLOURS = ("one", "next")
 BODY, GRIPPER, FINGERS = "base", "gripper", ("finger1_slide", "finger2_slide")
 
 
@@ -58,13 +64,21 @@ def urdf_text(
 ) -> str:
     """The URDF, in which names are PREFIX_name."""
     root = ET.Element("robot", name=mapping.name)
+    for colour, rgba in COLOURS.items():
+        ET.SubElement(ET.SubElement(root, "material", name=colour), "color", rgba=rgba)
     home = Pose(np.zeros(3), np.eye(3))
     element = _link(root, BODY, body, home)
     radius = mapping.capsule_radius_m or 0.0
     if body.meshes and radius > 0:
         inside = np.abs([limb.points[:2] for limb in limbs]).min(axis=(0, 1)) - 2 * radius  # of the limbs' capsules
         sides = 2 * np.maximum(inside[:2], radius)
-        _shape(element, home, ET.Element("box", size=_text([*sides, 2 * radius])))
+        trunk = np.array([*sides, 2 * radius])
+        for tag in ("collision", "visual"):
+            _shape(element, home, ET.Element("box", size=_text(trunk)), "trunk", tag)
+        for limb in limbs:  # for the eye: what carries a shoulder is within the limb's own reach
+            shoulder = placed_frames(limb)[1][0]
+            start = np.clip(shoulder, -trunk / 2, trunk / 2)
+            _capsule(element, shoulder - start, radius, "trunk", start)
     for limb in limbs:
         _limb(root, limb, facts[limb.name], mapping, radius, hand)
     ET.indent(root)
@@ -94,7 +108,7 @@ def _limb(
         above_palm = limb.gripper.place + limb.gripper.turn[:, 2] * (hand.finger_height_m + radius)
         end = points[i + 1] if i < len(points) - 1 else above_palm
         if limb.parts[i].meshes and radius > 0:
-            _capsule(element, turn.T @ (end - points[i]), radius)
+            _capsule(element, turn.T @ (end - points[i]), radius, LINK_COLOURS[i % len(LINK_COLOURS)])
         parent, before = child, points[i]
     _gripper(root, limb, facts[1], turn, parent, hand)
 
@@ -109,7 +123,7 @@ def _gripper(root: ET.Element, limb: SerialLimb, fact: JointFacts, turn: Array, 
     )
     element = _link(root, gripper, limb.parts[-1], limb.gripper)
     if limb.parts[-1].meshes:
-        _shape(element, *hand.palm(fact.limits[1]))
+        _shape(element, *hand.palm(fact.limits[1]), "palm")
     for finger, name, sign in zip(limb.fingers, FINGERS, (1.0, -1.0), strict=True):
         child = f"{limb.name}_{name.removesuffix('_slide')}"
         joint = _joint(root, f"{limb.name}_{name}", "prismatic", gripper, child)
@@ -119,7 +133,7 @@ def _gripper(root: ET.Element, limb: SerialLimb, fact: JointFacts, turn: Array, 
         start = limb.gripper.turn @ np.array([finger.start_m[0], 0.0, 0.0])
         element = _link(root, child, finger.part, Pose(limb.gripper.place + start, limb.gripper.turn))
         if finger.part.meshes:
-            _shape(element, *hand.finger(sign))
+            _shape(element, *hand.finger(sign), "finger")
 
 
 def _joint(root: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
@@ -153,19 +167,21 @@ def _link(root: ET.Element, name: str, part: Part, frame: Pose) -> ET.Element:
     return link
 
 
-def _shape(link: ET.Element, pose: Pose, solid: ET.Element) -> None:
-    visual = ET.SubElement(link, "visual")
-    ET.SubElement(visual, "origin", xyz=_text(pose.place), rpy=_text(_snapped(roll_pitch_yaw(pose.turn), RIGHT), 9))
-    ET.SubElement(visual, "geometry").append(ET.Element(solid.tag, solid.attrib))
+def _shape(link: ET.Element, pose: Pose, solid: ET.Element, colour: str = "", tag: str = "visual") -> None:
+    shape = ET.SubElement(link, tag)
+    ET.SubElement(shape, "origin", xyz=_text(pose.place), rpy=_text(_snapped(roll_pitch_yaw(pose.turn), RIGHT), 9))
+    ET.SubElement(shape, "geometry").append(ET.Element(solid.tag, solid.attrib))
+    if colour and tag == "visual":
+        ET.SubElement(shape, "material", name=colour)
 
 
-def _capsule(link: ET.Element, way: Array, radius: float) -> None:
-    """From the link's frame to the next."""
+def _capsule(link: ET.Element, way: Array, radius: float, colour: str, start: Array = ORIGIN) -> None:
+    """From `start` in the link's frame."""
     length = float(np.linalg.norm(way))
     if length > radius:
         yaw, pitch = math.atan2(way[1], way[0]), math.atan2(math.hypot(way[0], way[1]), way[2])
         solid = ET.Element("capsule", radius=f"{radius:g}", length=f"{length:.{ROUND_M}f}")
-        _shape(link, Pose(way / 2, rotation((0.0, pitch, yaw))), solid)
+        _shape(link, Pose(start + way / 2, rotation((0.0, pitch, yaw))), solid, colour)
 
 
 def robot_yaml(mapping: Mapping, like: dict[str, Any], finger: JointFacts) -> str:

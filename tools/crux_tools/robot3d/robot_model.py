@@ -31,6 +31,7 @@ CONTACT_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
 COUPLING_SOLREF = (0.005, 1.0)
 COUPLING_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 LINK_FRICTION = (0.5, 0.005, 0.0001)  # of anything but a pad touching anything
+PICTURE, UNSEEN_RGBA = "picture", (0.0, 0.0, 0.0, 0.0)
 PAD_RGBA = (0.9, 0.2, 0.2, 1.0)
 MIN_CAPSULE_M = 1e-4
 MAX_SPINE_CONTROL = 1e3  # 1/mu of the smoothest face that spines still grip
@@ -92,20 +93,31 @@ def finger_joints(robot: Robot) -> list[str]:
 
 
 def urdf_spec(robot: Robot) -> mujoco.MjSpec:
-    """The URDF as an editable MuJoCo model of its shapes, those that collide, with its fixed joints."""
+    """The URDF as an editable MuJoCo model, with its fixed joints: shapes that collide, and pictures that do not, but
+    meshes.
+    """
     tree = ET.parse(robot.urdf_path).getroot()
     for link in tree.iter("link"):
         shapes = link_shapes(link)
-        for picture in [visual for visual in link.findall("visual") if visual not in shapes]:
-            link.remove(picture)
+        for number, picture in enumerate(visual for visual in link.findall("visual") if visual not in shapes):
+            if picture.find("geometry/mesh") is None:
+                picture.set("name", f"{link.get('name')}/{PICTURE}{number}")
+            else:
+                link.remove(picture)
     extension = ET.SubElement(tree, "mujoco")
     ET.SubElement(extension, "compiler", discardvisual="false", fusestatic="false")
     return mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
 
 
 def _let_shapes_collide(spec: mujoco.MjSpec) -> None:
-    """With holds and wall; cylinders as the capsules inside them."""
+    """With holds and wall; cylinders as the capsules inside them. Where a link has pictures, these alone are seen."""
+    seen = {geom.parent.name for geom in spec.geoms if f"/{PICTURE}" in geom.name}
     for geom in spec.geoms:
+        if f"/{PICTURE}" in geom.name:
+            geom.mass = 0
+            continue
+        if geom.parent.name in seen:
+            geom.rgba = UNSEEN_RGBA
         if geom.type == mujoco.mjtGeom.mjGEOM_CYLINDER:
             geom.type = mujoco.mjtGeom.mjGEOM_CAPSULE
             geom.size = [geom.size[0], max(geom.size[1] - geom.size[0], MIN_CAPSULE_M), 0]

@@ -43,7 +43,8 @@ class Bodies:
             if link in meshes:
                 found += [{**mesh, "body": moves, "hold": -1} for mesh in meshes[link]]
             for geom in np.flatnonzero(model.geom_bodyid == body):
-                if link not in meshes or geom in self._robot.pad_geoms:
+                seen = model.geom_rgba[geom, 3] > 0
+                if (seen and link not in meshes) or geom in self._robot.pad_geoms:
                     found += self._shapes_of(int(geom), moves)
         return found
 
