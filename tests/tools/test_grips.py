@@ -107,6 +107,18 @@ def test_a_hold_offers_its_grips_alone(lean_deg: float, off_centre: bool) -> Non
     assert wall_lacks(scenario, ROBOT)[scenario.hold_index(START), "x"] == "none of its grips is on these faces"
 
 
+def test_a_tall_hold_is_recognised_where_plans_grip_it() -> None:
+    """Palms keep 10 mm off its top, which is 85 mm high: pads are 45 mm over the wall."""
+    wall = turned(0.0)
+    for hold in wall["holds"]:
+        hold["pose"]["position_m"][2] = 0.0
+        hold["shape"] = {"box_m": [0.06, 0.06, 0.085]}
+    scenario = parse_scenario(wall)
+    contacts, _ = wall_contacts(scenario, ROBOT, False)
+    assert {round(contact.centre_h_m[2], 9) for contact in contacts} == {0.045}
+    assert {round(place.centre_W_m[2], 9) for place in places_of(scenario, ROBOT)} == {0.045}
+
+
 @pytest.mark.parametrize(
     ("grip", "mm"), [({"aside_m": 0.04}, 5.0), ({"aside_m": -0.038}, 3.0), ({"height_m": 0.042}, 2.0)]
 )

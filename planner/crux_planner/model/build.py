@@ -28,7 +28,7 @@ from crux_planner.model.contacts import (
     yaws_in_range,
 )
 from crux_planner.model.cuboids import Cuboids, cuboids_of
-from crux_planner.model.faces import Faces, faces_of, smooth_faces, usable_friction
+from crux_planner.model.faces import PASSING_CLEARANCE_M, Faces, faces_of, smooth_faces, usable_friction
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, composite_inertia
@@ -40,7 +40,6 @@ from crux_planner.model.unusable import WALL_CLEARANCE_M, faces_text, height_tex
 from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leaning_m, limb_reach, tilt_for
 
 MOST_CUBOIDS, MOST_WAY_M = 300, 40.0  # holds, and as many obstacles, and way that are planned at once
-PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
 TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
 LIFT_RESERVE_M = 0.006  # kept below the highest lift that the highest body allows, for a body that tilts
 FRICTION_MARGIN = 0.1  # share of the limit surface left unused
@@ -236,15 +235,14 @@ def _contacts(
     unusable: dict[tuple[int, int], str] = {}
     contact, (low, high) = scenario.contact, robot.grasp.gripper_yaw_rad
     yaw_range = low + min(final_yaw_rad, 0.0), high + max(final_yaw_rad, 0.0)
-    palm = robot.gripper.finger_height_m - PASSING_CLEARANCE_M
     for index, hold in enumerate(scenario.holds):
         for pair in (0, 1):
             if not hold.offers(PAIR_NAMES[pair]):
                 unusable[index, pair] = "none of its grips is on these faces"
                 continue
-            faces = Faces.of(hold, pair, robot, contact.patch_radius_m, palm)
+            faces = Faces.of(hold, pair, robot, contact.patch_radius_m)
             if faces is None:
-                unusable[index, pair] = height_text(hold.size_m[2], robot, contact.patch_radius_m, palm)
+                unusable[index, pair] = height_text(hold.size_m[2], robot, contact.patch_radius_m)
                 continue
             if (reason := faces_text(hold, pair, faces, shape, contact.patch_radius_m)) is not None:
                 unusable[index, pair] = reason

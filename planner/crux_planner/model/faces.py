@@ -11,6 +11,8 @@ from crux_contracts.scenario import Hold
 
 from crux_planner.model.contacts import FACE_NAMES, PAIR_NAMES
 
+PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
+
 
 def faces_of(pair: int) -> list[int]:
     """Numbers of the plus and the minus face of a pair."""
@@ -42,13 +44,18 @@ class Faces:
     aside_m: float  # and across it
     beyond_m: float  # the faces' edges, or the pads' range of heights, by which the hold's grip has its pads
 
+    @staticmethod
+    def top_over_pads_m(robot: Robot) -> float:
+        """How far the top of a hold may be over the pads that grip it: palms keep off it."""
+        return float(robot.gripper.finger_height_m - PASSING_CLEARANCE_M)
+
     @classmethod
-    def of(cls, hold: Hold, pair: int, robot: Robot, patch_radius_m: float, palm_m: float) -> Faces | None:
+    def of(cls, hold: Hold, pair: int, robot: Robot, patch_radius_m: float) -> Faces | None:
         """In the middle, or at the hold's grip. None where the hold is too low or too high for the pads."""
         mine, others = ([hold.lean_rad[face] for face in faces_of(which)] for which in (pair, 1 - pair))
         radius, size = robot.gripper.pad_radius_m, hold.size_m
         allowed = robot.grasp.pad_height_m
-        low, high = pad_heights(size[2], allowed, patch_radius_m, palm_m, mine, radius)
+        low, high = pad_heights(size[2], allowed, patch_radius_m, cls.top_over_pads_m(robot), mine, radius)
         if low > high:
             return None
         grip = hold.grip(PAIR_NAMES[pair])

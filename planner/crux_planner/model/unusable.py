@@ -14,10 +14,10 @@ ROUNDING_M = 1e-6  # of places in files
 WALL_CLEARANCE_M = 0.003  # of pads to the wall where a hold is turned out of its plane, and to bounded surfaces
 
 
-def height_text(height_m: float, robot: Robot, patch_radius_m: float, palm_above_pad_m: float) -> str:
+def height_text(height_m: float, robot: Robot, patch_radius_m: float) -> str:
     """Why a hold of this height takes no pads."""
     low, high = robot.grasp.pad_height_m
-    least, most = max(low, patch_radius_m) + patch_radius_m, high + palm_above_pad_m
+    least, most = max(low, patch_radius_m) + patch_radius_m, high + Faces.top_over_pads_m(robot)
     limit = f"lower than the {least:g} m" if height_m < least else f"higher than the {most:g} m"
     return f"it is {height_m:g} m high, {limit} that the gripper's pads and palm need"
 

@@ -116,7 +116,7 @@ def _place(hold: Box, pair: int, robot: Robot) -> Array | None:
     lean_deg = tuple(np.degrees(hold.lean_rad).tolist())
     size = (float(hold.size_m[0]), float(hold.size_m[1]), float(hold.size_m[2]))
     as_hold = Hold(name=hold.name, position_m=(0.0, 0.0), size_m=size, lean_deg=lean_deg)
-    faces = Faces.of(as_hold, pair, robot, robot.gripper.pad_radius_m, robot.gripper.finger_height_m)
+    faces = Faces.of(as_hold, pair, robot, robot.gripper.pad_radius_m)
     if faces is None:
         return None
     yaw = hold.yaw_rad + pair * np.pi / 2.0

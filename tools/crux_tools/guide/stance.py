@@ -82,11 +82,10 @@ def felt_of(status: Any) -> list[Felt]:
 
 def places_of(scenario: Scenario, robot: Robot) -> list[Place]:
     """All that the gripper can span, pads as high as a plan has them."""
-    palm_m = robot.gripper.finger_height_m
     places = []
     for number, hold in enumerate(scenario.holds):
         for pair in (0, 1):
-            faces = Faces.of(hold, pair, robot, scenario.contact.patch_radius_m, palm_m)
+            faces = Faces.of(hold, pair, robot, scenario.contact.patch_radius_m)
             if faces is None or not hold.offers(FACE_NAMES[2 * pair][1:]):
                 continue
             yaw = hold.yaw_rad + pair * math.pi / 2

@@ -73,8 +73,7 @@ class Ghost:
         x, y, z = map(float, hold["size_m"])
         grips = tuple(Grip(**grip) for grip in hold.get("grips", []))
         as_hold = Hold(name="hold", position_m=(0.0, 0.0), size_m=(x, y, z), lean_deg=lean_deg, grips=grips)
-        gripper = self._described.gripper
-        faces = Faces.of(as_hold, pair, self._described, gripper.pad_radius_m, gripper.finger_height_m)
+        faces = Faces.of(as_hold, pair, self._described, self._described.gripper.pad_radius_m)
         if faces is None or not as_hold.offers("xy"[pair]):
             return None
         along = math.radians(hold["yaw_deg"]) + pair * math.pi / 2
