@@ -51,7 +51,8 @@ BODIES = {  # by name: the solid, and what is said of it at 15 and at 32 degrees
     "ledge": (standing(-0.3, -0.1, box(0.12, 0.03, 0.06), -35.0), "", ""),
     "thin": (standing(-0.05, 0.25, box(0.012, 0.012, 0.06)), "narrower", "narrower"),
     "wide": (standing(0.0, -0.15, box(0.15, 0.15, 0.06)), "wider", "wider"),
-    "low": (standing(0.25, 0.25, box(0.06, 0.06, 0.022)), "too low", "too low"),
+    "low": (standing(0.25, 0.25, box(0.06, 0.06, 0.018)), "too low", "too low"),
+    "slim": (standing(-0.1, -0.25, box(0.06, 0.009, 0.06)), "less than 0.5 of a pad", "less than 0.5 of a pad"),
     "leaning": (standing(0.25, -0.05, leaning(0.09, 0.05, 28.0)), "lean", ""),
     "post": (standing(0.3, -0.25, trimesh.creation.cylinder(0.012, 0.06)), "round", "round"),
     "beside": (standing(0.1, 0.12, box(0.05, 0.05, 0.06)), "beside", "beside"),
@@ -146,10 +147,8 @@ def test_a_hold_is_not_in_the_way_of_its_own_fingers(tmp_path: Path, capsys: pyt
 def test_a_pair_of_faces_that_the_planner_does_not_grip_is_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A post has faces narrower than a plan's patch; it is 15 mm beside the middle of a finger's way, plans keep 18 mm
-    off.
-    """
-    parts = [standing(0.0, 0.0, box(0.06, 0.024, 0.06)), standing(0.052, 0.025, box(0.02, 0.02, 0.06))]
+    """A post is 15 mm beside the middle of a finger's way, plans keep 18 mm off."""
+    parts = [standing(0.0, 0.0, box(0.06, 0.024, 0.06)), standing(0.052, 0.0195, box(0.012, 0.009, 0.06))]
     path, wall, robot = scan(tmp_path, parts, (0.4, 0.4)), tmp_path / "wall.yaml", load_robot("scaler")
     wall_import(capsys, str(path), "-o", str(wall), "--outward", *vector(OUT), status=1)
     report = wall_offers(scenario_of(yaml.safe_load(wall.read_text(encoding="utf-8")), robot, "wall"), robot)

@@ -12,7 +12,8 @@ import trimesh
 import yaml
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, load_scenario
-from crux_simulation.wall.boxes import Box, apart, boxes
+from crux_simulation.wall.box import Box
+from crux_simulation.wall.boxes import apart, boxes
 from crux_simulation.wall.frame import CLIMBED, Frame, Placed, placed
 from crux_simulation.wall.parts import Bounded, Part, bounded, parts
 from crux_simulation.wall.places import Places, bodies

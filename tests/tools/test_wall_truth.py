@@ -22,6 +22,7 @@ SPACING_M = 0.0025  # of the points of clouds
 PLACES_M = [(x, y) for x in (-0.2, 0.0, 0.2) for y in (-0.2, 0.0, 0.2)]
 SLAB_M = (0.64, 0.64)
 SUNK_M = 0.01
+COVERAGE = 0.8  # of the pads of grips that count here
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,7 +111,9 @@ def seen(prisms: list[Prism], noise_m: float, form: str, folder: Path) -> Placed
 
 
 def places_of(wall: Placed, robot: Robot) -> Places:
-    return find_places(wall.surface, bodies(wall.surface, planes(wall.surface.samples)), robot, Limits())[0]
+    return find_places(
+        wall.surface, bodies(wall.surface, planes(wall.surface.samples)), robot, Limits(coverage=COVERAGE)
+    )[0]
 
 
 def matched(prisms: list[Prism], wall: Placed, places: Places) -> list[tuple[int, int] | None]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from crux_tools.errors import UsageError
 
-from crux_simulation.wall.boxes import Box
+from crux_simulation.wall.box import Box
 
 COLUMNS = {  # of the table: what begins so is the column, so that names may say more, such as `_assumed`
     "name": ("name", "cell"),

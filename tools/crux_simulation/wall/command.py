@@ -32,7 +32,8 @@ def add_import(actions: Any) -> None:
             "that most of it lies in becomes z = 0. Where it has several, all become surfaces that end where their "
             "points do; that at z = 0 is endless unless others go behind it. Every body that stands on a plane, or "
             "across the edge of two, becomes a hold where the robot's gripper can take it along the normal: two "
-            "patches that are opposite, flat, and within its opening, with space for fingers and palm. All others "
+            "patches that are opposite, flat, and within its opening, with space for fingers and palm; where pads bear "
+            "in part, or not everywhere, it has grips, with the share that bears, a half at least. All others "
             "become obstacles, with the reason. Of a board's table (CSV with the columns name, x_m up, y_m left, "
             "yaw_deg, size_x_m, size_y_m, size_z_m; the last four may be left out) every row is a hold. Holds are "
             "cuboids, in the plan as in the simulation; faces that lean have less friction, and only those of holds "
@@ -111,6 +112,9 @@ def _import(options: argparse.Namespace) -> int:
     for box in found.holds:
         if max(box.tilt_rad) > math.radians(5.0):
             note(f"  {box.name}: faces lean by up to {math.degrees(max(box.tilt_rad)):.0f}°")
+        for grip in box.as_hold.grips:
+            if min(grip.share) < 1.0:
+                note(f"  {box.name}: {min(grip.share):g} of a pad bears on faces {grip.faces}")
     without = found.stances if isinstance(found.stances, str) else None
     note(f"start and goal are left out: {without}" if without else f"next: crux plan {options.output} -o plan.mcap")
     if options.json:
@@ -122,7 +126,7 @@ def _described(found: Any) -> dict[str, Any]:
     """Of the bodies, `position_m` and `yaw_deg` are in the frame of their plane, and `pose` is in W."""
     from crux_tools.telemetry.rotations import rpy_of
 
-    from crux_simulation.wall.imported import pose
+    from crux_simulation.wall.imported import grips_of, pose
 
     return {
         "slope_deg": found.slope_deg,
@@ -138,6 +142,7 @@ def _described(found: Any) -> dict[str, Any]:
                 "yaw_deg": math.degrees(box.yaw_rad),
                 "pose": pose(box.foot_m, box.rpy_rad),
                 "tilt_deg": [math.degrees(tilt) for tilt in box.tilt_rad],
+                "grips": grips_of(box),
             }
             for box in found.boxes
         ],

@@ -21,7 +21,8 @@ from crux_tools.output import progress
 from crux_tools.telemetry.rotations import rpy_of
 
 from crux_simulation.wall.board import read_board
-from crux_simulation.wall.boxes import Box, apart, boxes
+from crux_simulation.wall.box import DIGITS, Box
+from crux_simulation.wall.boxes import apart, boxes
 from crux_simulation.wall.edit.content import scenario_of
 from crux_simulation.wall.frame import CLIMBED, Placed, placed
 from crux_simulation.wall.parts import WALL, Bounded, behind, bounded, parts
@@ -31,7 +32,6 @@ from crux_simulation.wall.read import read_surface
 from crux_simulation.wall.stances import Stance, ends, stances
 from crux_simulation.wall.surface import Array
 
-DIGITS = 4
 SLIPPERY = "its faces lean so much that friction holds nothing"
 LOOK_S = 0.01  # of the planner at a start: long enough to refuse it
 HORIZON = {"steps": 200, "dt_s": 2.0}
@@ -181,7 +181,7 @@ def _document(
         "spine_shear_N": 5,
         "spine_twist_Nm": 0.05,
     }
-    version = 2 if surfaces or any(any(box.lean_rad) for box in found if box.is_hold) else 1
+    version = 2 if surfaces or any(box.leans or box.grips for box in found if box.is_hold) else 1
     head = {"version": version, "name": scan.stem, "robot": options.robot}
     wall: dict[str, Any] = {"wall": {"slope_deg": round(slope_deg, 1)}}
     if version == 2:
@@ -260,9 +260,8 @@ def _cuboid(box: Box, version: int) -> dict[str, Any]:
     if version == 1:
         return {"name": box.name, "position_m": _rounded(box.position_m), "size_m": size, "yaw_deg": yaw_deg}
     shape: dict[str, Any] = {"box_m": size}
-    if any(box.lean_rad):
-        degrees = zip(SIDE_FACES, np.degrees(box.lean_rad), strict=True)
-        shape["lean_deg"] = {face: round(float(lean), 1) for face, lean in degrees if lean}
+    if box.leans:
+        shape["lean_deg"] = {face: lean for face, lean in zip(SIDE_FACES, box.lean_deg, strict=True) if lean}
     return {"name": box.name, "pose": pose(box.foot_m, box.rpy_rad), "shape": shape}
 
 
@@ -273,7 +272,17 @@ def _hold(box: Box, friction: float, version: int) -> dict[str, Any]:
     for axis, can, tilt in zip("xy", box.faces, off_axis, strict=True):
         by_face |= dict.fromkeys((f"+{axis}", f"-{axis}"), round(tilted(friction, tilt), 3) if can else 0.0)
     spines = {face: by_face[face] > 0.0 for face in by_face} | {"top": False}
-    return {**_cuboid(box, version), "friction": by_face | {"top": 0.0}, "spines": spines}
+    grips = {"grips": grips_of(box)} if box.grips else {}
+    return {**_cuboid(box, version), "friction": by_face | {"top": 0.0}, "spines": spines, **grips}
+
+
+def grips_of(box: Box) -> list[dict[str, Any]]:
+    """As a scenario of version 2 has them; `share` is left out where pads bear wholly."""
+    found = []
+    for grip in box.as_hold.grips:
+        place = {"faces": grip.faces, "aside_m": grip.aside_m, "height_m": grip.height_m}
+        found.append(place | ({"share": list(grip.share)} if min(grip.share) < 1.0 else {}))
+    return found
 
 
 def _rounded(values: Array) -> list[float]:

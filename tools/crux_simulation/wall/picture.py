@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from crux_simulation.wall.boxes import Box
+from crux_simulation.wall.box import Box
 from crux_simulation.wall.imported import Imported
 
 SHOWN = 60_000  # samples

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from crux_contracts.robot import Robot
+from crux_contracts.scenario_types import LEAST_SHARE
 from numpy.typing import NDArray
 
 from crux_simulation.wall.planes import ON_M, Planes
@@ -35,7 +36,7 @@ REASONS = (
     "wider than the gripper opens",
     "its faces lean from the gripper's axis by more than the limit",
     "its faces lie across the wall: an upright gripper does not close over them",
-    "too rough, hollow, round or small where the pads press",
+    f"less than {LEAST_SHARE:g} of a pad bears: too rough, hollow, round or small where the pads press",
     "too low or too high for the gripper's pads",
     "the fingers would touch something beside it",
     "the palm would touch it or what is beside it",
@@ -49,7 +50,7 @@ class Limits:
     """What counts as a place for a pad."""
 
     tilt_deg: float = 15.0  # of a patch against the gripper's axis
-    coverage: float = 0.8  # share of the pad that bears
+    coverage: float = LEAST_SHARE  # of a pad that bears
     roughness_m: float = 0.002  # a part of the patch that is farther from its plane bears nothing
     turn_deg: float = 25.0  # of what bears, from the pad's middle to its rim: edges that are rounded are no faces
 
@@ -57,8 +58,8 @@ class Limits:
 @dataclass(frozen=True, eq=False)
 class Places:
     """Of m places: the middle (m, 3) [m], yaw of the axis in [0, pi), width [m], tilt of both patches (m, 2) [rad], how
-    much of it leans off the wall, and aside, of the patch at the axis's end first, share of the pads that bears (m, 2),
-    and the body (m,).
+    much of it leans off the wall, and aside, and share of the pads that bears (m, 2), of the patch at the axis's end
+    first, and the body (m,).
     """
 
     middle: Array
@@ -185,7 +186,7 @@ def _fitted(surface: Surface, pairs: Array, body: Indices, robot: Robot, limits:
     normals = np.stack([one.normal, two.normal], axis=1)
     lean = np.arcsin(np.clip(normals[..., 2], -1.0, 1.0))
     aside = np.arccos(np.clip(cosine / np.maximum(np.cos(lean), 1e-9), -1.0, 1.0))
-    lean, aside = (np.where(ahead[:, None], each, each[:, ::-1]) for each in (lean, aside))
+    lean, aside, coverage = (np.where(ahead[:, None], each, each[:, ::-1]) for each in (lean, aside, coverage))
     return Places(middle, yaw, width, tilt, lean, aside, coverage, body).of(alive)
 
 

@@ -9,14 +9,13 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.gripper_frames import yaw_and_tilt
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Hold
 from crux_planner import Faces
 from crux_planner.checker.geometry import rotation_about_z
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
 from crux_tools.robot.stance import limb_reach
 
-from crux_simulation.wall.boxes import Box
+from crux_simulation.wall.box import Box
 from crux_simulation.wall.surface import Array
 
 STEP_M = 0.05
@@ -113,10 +112,7 @@ def _grips(holds: list[Box], robot: Robot) -> list[Grip]:
 
 def _place(hold: Box, pair: int, robot: Robot) -> Array | None:
     """Where a gripper's middle is on a pair of faces in W, as the planner has it."""
-    lean_deg = tuple(np.degrees(hold.lean_rad).tolist())
-    size = (float(hold.size_m[0]), float(hold.size_m[1]), float(hold.size_m[2]))
-    as_hold = Hold(name=hold.name, position_m=(0.0, 0.0), size_m=size, lean_deg=lean_deg)
-    faces = Faces.of(as_hold, pair, robot, robot.gripper.pad_radius_m)
+    faces = Faces.of(hold.as_hold, pair, robot, robot.gripper.pad_radius_m)
     if faces is None:
         return None
     yaw = hold.yaw_rad + pair * np.pi / 2.0
