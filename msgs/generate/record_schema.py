@@ -46,6 +46,8 @@ def _value(key: Key) -> dict[str, Any]:
         each = _value(replace(key, reader="", type=parts[0]))
         faces = list(FACE_NAMES) if key.required else []
         return {"anyOf": [each, mapping("by face", dict.fromkeys(FACE_NAMES, each), faces)]}
+    if key.reader == "pads":  # one for both, or one each
+        return {"anyOf": [each := {"type": "number", **bounds}, listed(each, 2)]}
     if key.type in kinds:
         return {"type": kinds[key.type], **bounds}
     if key.type is str:

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from crux_contracts.scenario import Scenario, ScenarioError, parse_scenario
+from crux_contracts.scenario_document import change_friction
 from test_schemas import read_schema, wrong
 
 FIRST: dict[str, Any] = {
@@ -87,6 +88,31 @@ def test_holds_have_places_for_grippers() -> None:
     assert wrong(schema, wall) == []
     wall["holds"][1]["grips"][0]["faces"] = "z"
     assert wrong(schema, wall) == [".holds[1].grips[0].faces"]
+
+
+def test_a_grip_may_have_a_friction_of_its_own() -> None:
+    wall, schema = second(), read_schema("scenario-2.json")
+    wall["holds"][1]["friction"] = {"+x": 1.0, "-x": 1.1, "+y": 1.2, "-y": 1.3, "top": 0.1}
+    for given, read in (([0.5, 0.6], (1.0, 1.1, 0.5, 0.6, 0.1)), (0.7, (1.0, 1.1, 0.7, 0.7, 0.1))):
+        wall["holds"][1]["grips"] = [{"faces": "y", "friction": given}, {"faces": "x"}]
+        assert parse_scenario(wall).holds[1].friction == read
+        assert wrong(schema, wall) == []
+    for bad in ([0.5], [0.5, 9.0], "rough"):
+        wall["holds"][1]["grips"] = [{"faces": "y", "friction": bad}]
+        assert wrong(schema, wall) == [".holds[1].grips[0].friction"]
+        with pytest.raises(ScenarioError, match=r"grips\[0\].friction"):
+            parse_scenario(wall)
+
+
+def test_friction_is_changed_on_faces_and_grips_alike() -> None:
+    for faces in (2.0, {"+x": 2.0, "-x": 2.0, "+y": 2.0, "-y": 2.0, "top": 2.0}):
+        wall = second()
+        wall["holds"][1] |= {"friction": faces, "grips": [{"faces": "x", "friction": [1.0, 1.6]}, {"faces": "y"}]}
+        change_friction(wall["holds"][1], lambda each: each / 2)
+        assert parse_scenario(wall).holds[1].friction == (0.5, 0.8, 1.0, 1.0, 1.0)
+    del wall["holds"][1]["grips"]
+    change_friction(wall["holds"][1], lambda each: each / 2)
+    assert parse_scenario(wall).holds[1].friction == (0.5,) * 5
 
 
 def test_bodies_are_turned_out_of_the_walls_plane() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import crux_planner
 import numpy as np
 import pytest
+import yaml
 from climbs import climbs_and_replays
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
@@ -32,6 +34,8 @@ from turned import changed_violations, turned
 
 ROBOT = load_robot("scaler")
 START, GOAL = "left-front-low", "left-front-high"
+FRICTION = [2.2, 1.2]
+PARTLY = {"share": [0.5, 0.8], "friction": FRICTION}
 GRIPS = {START: {"faces": "x", "aside_m": -0.015}, GOAL: {"faces": "x", "aside_m": 0.02, "height_m": 0.03}}
 
 
@@ -130,21 +134,35 @@ def test_a_grip_whose_pads_miss_the_faces_is_refused(grip: dict[str, float], mm:
 
 @cache
 def in_part() -> PlanResult:
-    """Half of the pad on the plus face of the goal's hold, 0.8 of the other bears."""
-    return crux_planner.plan(wide(GRIPS | {GOAL: GRIPS[GOAL] | {"share": [0.5, 0.8]}}), ROBOT)
+    """Half of the pad on the plus face of the goal's hold, 0.8 of the other bears, which is smoother."""
+    return crux_planner.plan(wide(GRIPS | {GOAL: GRIPS[GOAL] | PARTLY}), ROBOT)
 
 
 def test_plans_count_on_the_share_of_pads_that_bears() -> None:
     plan, whole = in_part().plan, planned().plan
     found = {limb.friction for knot in plan.knots for limb in knot.limbs if limb.hold == len(plan.holds) - 2}
     assert plan.holds[-2].name == GOAL
-    assert found == {0.5 * 2.2}
+    assert found == {0.8 * 1.2}
     assert planned_grip(plan).used[-1, 0].max() < 0.91
     assert in_part().cost >= planned().cost - 1e-6
-    assert plan.holds[-2].friction == whole.holds[-2].friction
-    unsure = wide(GRIPS | {GOAL: GRIPS[GOAL] | {"share": [0.5, 0.8]}}) | {"uncertainty": {"friction": 0.1}}
+    assert list(plan.holds[-2].friction) == [*FRICTION, *whole.holds[-2].friction[2:]]
+    unsure = wide(GRIPS | {GOAL: GRIPS[GOAL] | PARTLY}) | {"uncertainty": {"friction": 0.1}}
     plan = unproven(parse_scenario(unsure), ROBOT).plan
-    assert plan.knots[-1].limbs[0].friction == pytest.approx(0.9 * 0.5 * 2.2)
+    assert plan.knots[-1].limbs[0].friction == pytest.approx(0.9 * 0.8 * 1.2)
+
+
+def test_the_checker_goes_by_the_friction_of_grips() -> None:
+    """A plan for 1.2 under a pad, where the scenario has 0.9, whatever the faces of the plan's holds have."""
+    scene = yaml.safe_load(in_part().plan.scenario_yaml)
+    (grip,) = next(hold["grips"] for hold in scene["holds"] if hold["name"] == GOAL)
+    grip["friction"] = [2.2, 0.9]
+    text = yaml.safe_dump(scene)
+
+    def change(plan: plan_t) -> None:
+        plan.scenario_yaml, plan.scenario_sha256 = text, hashlib.sha256(text.encode()).hexdigest()
+        plan.holds[-2].friction = [2.2, 0.9, *plan.holds[-2].friction[2:]]
+
+    assert "friction" in changed_violations(in_part().plan, ROBOT, change)
 
 
 def test_the_checker_has_the_limit_surface_of_what_bears() -> None:
@@ -162,7 +180,8 @@ def test_the_checker_has_the_limit_surface_of_what_bears() -> None:
         shear = np.maximum(np.abs(loads.shear_N[at][finger]) - 5.0 * share, 0.0)
         twist = (0.2 - 0.05 * share) / (share * arrays.patch_k_m)
         demand = (np.hypot(*shear) ** 1.65 + twist**1.65) ** (1 / 1.65)
-        assert beyond[at][finger] == pytest.approx(demand - 2.2 * loads.normal_N[at][finger], abs=1e-9)
+        most = FRICTION[arrays.faces[-1, 0, finger]] * loads.normal_N[at][finger]
+        assert beyond[at][finger] == pytest.approx(demand - most, abs=1e-9)
 
 
 @settings(max_examples=50)
@@ -189,7 +208,9 @@ def test_in_physics_pads_twist_and_spines_hold_by_what_bears() -> None:
             slide, _, spin = robot.model.pair_friction[pair][:3]
             assert spin == pytest.approx(share * plan.patch_k_m * slide)
     by_face = dict(zip((face.geom for face in robot.faces), robot.adhesion_of_face, strict=True))
-    assert [by_face[geom] * 2.2 for geom in sorted(faces) if geom.endswith("x")] == pytest.approx([0.5, 0.8])
+    by_friction = [by_face[geom] * faces[geom].friction for geom in sorted(faces) if geom.endswith("x")]
+    assert by_friction == pytest.approx([0.5, 0.8])
+    assert [faces[geom].friction for geom in sorted(faces) if geom.endswith("x")] == FRICTION
 
 
 def test_routes_need_whole_pads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -225,7 +225,12 @@ def _cuboid(body: Box) -> dict[str, Any]:
 
 def _hold(body: BoxHold) -> Hold:
     lean_deg = tuple(body.shape.lean_deg.get(face, 0.0) for face in SIDE_FACES)
-    return Hold(**_cuboid(body), friction=body.friction, spines=body.spines, lean_deg=lean_deg, grips=body.grips)
+    friction = dict(zip(FACE_NAMES, body.friction, strict=True))
+    for grip in body.grips:  # the only place for pads on these faces
+        if grip.friction is not None:
+            friction |= dict(zip((f"+{grip.faces}", f"-{grip.faces}"), grip.friction, strict=True))
+    rough = tuple(friction.values())
+    return Hold(**_cuboid(body), friction=rough, spines=body.spines, lean_deg=lean_deg, grips=body.grips)
 
 
 def _slab(surface: Surface) -> Slab:

@@ -5,7 +5,7 @@ are, the same for files of both versions.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -75,6 +75,16 @@ def moved(foot: Foot, shift_m: Sequence[float], turned_rad: float) -> Foot:
     x, y = foot.position_m
     position_m = (float(x + shift_m[0]), float(y + shift_m[1]))
     return Foot(position_m, foot.size_m, foot.yaw_deg + math.degrees(turned_rad))
+
+
+def change_friction(hold: Document, change: Callable[[float], float]) -> None:
+    """That of all faces of a hold, and of its grips."""
+    for body in (hold, *hold.get("grips", [])):
+        given = body.get("friction")
+        if isinstance(given, dict):
+            body["friction"] = {face: change(each) for face, each in given.items()}
+        elif given is not None:
+            body["friction"] = list(map(change, given)) if isinstance(given, list) else change(given)
 
 
 def as_obstacle(hold: Document) -> Document:

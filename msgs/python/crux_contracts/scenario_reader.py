@@ -106,6 +106,11 @@ class _Reader(Records):
             return tuple(self.check.number(faces[face], 0.0, MAX_FRICTION) for face in FACE_NAMES if face in faces)
         return (self.check.number(node, 0.0, MAX_FRICTION),) * len(FACE_NAMES)
 
+    def pads(self, node: Node) -> tuple[float, ...]:
+        if isinstance(node.content, list):
+            return self.check.numbers(node, 2, 0.0, MAX_FRICTION)
+        return (self.check.number(node, 0.0, MAX_FRICTION),) * 2
+
     def spines(self, node: Node) -> tuple[bool, ...]:
         if isinstance(node.content, dict):
             faces = self.check.members(node, [], FACE_NAMES)

@@ -122,6 +122,9 @@ class Grip:
     share: tuple[float, float] = key(
         (1.0, 1.0), LEAST_SHARE, 1.0, "", "of the pads that bears: on the plus face, the minus"
     )
+    friction: tuple[float, float] | None = key(
+        None, 0.0, MAX_FRICTION, "", "one, or under the pads on the plus face and the minus (the hold's)", reader="pads"
+    )
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 from crux_contracts.robot import Limb, Robot
-from crux_contracts.scenario import FACE_NAMES, Scenario
-from crux_contracts.scenario_document import foot_of, set_foot
+from crux_contracts.scenario import Scenario
+from crux_contracts.scenario_document import change_friction, foot_of, set_foot
 from crux_contracts.scenario_types import MAX_FRICTION, SIZE_M
 from crux_msgs.robot_keys import Transmissions
 
@@ -95,9 +95,8 @@ def _smaller_text(name: str, share: float) -> str:
 
 def _rougher(climb: Climb, factor: float) -> Climb:
     def roughen(content: dict[str, Any]) -> None:
-        for hold, read in zip(content["holds"], climb.session.scenario.holds, strict=True):
-            more = [min(MAX_FRICTION, factor * each) for each in read.friction]
-            hold["friction"] = dict(zip(FACE_NAMES, more, strict=True))
+        for hold in content["holds"]:
+            change_friction(hold, lambda each: min(MAX_FRICTION, factor * each))
 
     rough = [replace(c, friction=np.minimum(factor * c.friction, MAX_FRICTION)) for c in climb.problem.contacts]
     problem = replace(climb.problem, contacts=rough)

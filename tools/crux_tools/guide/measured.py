@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import knot_times_s
 from crux_contracts.scenario import Scenario, parse_scenario
-from crux_contracts.scenario_document import foot_of, moved, scenario_document, set_foot
+from crux_contracts.scenario_document import change_friction, foot_of, moved, scenario_document, set_foot
 from crux_msgs import limb_knot_t, plan_t, status_t
 
-from crux_tools.guide.situation import IN_PLAN, MEASURED, SHIFT_M, TURN_RAD, at_most, shift_of, yaw_of
+from crux_tools.guide.situation import IN_PLAN, MEASURED, SHIFT_M, TURN_RAD, shift_of, yaw_of
 
 STANCE = 0  # limb_reference_t.phase
 
@@ -75,5 +76,5 @@ def scenario_with(plan: plan_t, found: Sequence[Found]) -> Scenario:
         hold = holds[each.hold]
         set_foot(hold, moved(foot_of(hold), each.shift_m, each.turned_rad))
         if each.friction is not None:
-            hold["friction"] = at_most(hold["friction"], each.friction)
+            change_friction(hold, partial(min, each.friction))
     return parse_scenario(content, MEASURED)

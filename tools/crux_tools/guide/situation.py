@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from crux_contracts.scenario import FACE_NAMES, Scenario, ScenarioError, parse_s
 from crux_contracts.scenario_document import (
     Document,
     as_obstacle,
+    change_friction,
     foot_of,
     moved,
     scenario_document,
@@ -184,7 +186,7 @@ class Situation:
             foot = moved(foot_of(hold), shift_m, turned_rad)
             set_foot(hold, replace(foot, size_m=self._as_wide(foot.size_m, limb)))
             if telemetry.slip_friction > 0.0:
-                hold["friction"] = at_most(hold["friction"], telemetry.slip_friction)
+                change_friction(hold, partial(min, telemetry.slip_friction))
         for lost in [each for each in content["holds"] if each["name"] in useless]:
             content["holds"].remove(lost)
             if (obstacle := self._left_of(lost, useless[lost["name"]])) is not None:
@@ -229,12 +231,6 @@ def _in_air(reference: limb_reference_t, telemetry: limb_telemetry_t) -> dict[st
     yaw = yaw_of(telemetry, reference.gripper_yaw_w_rad)
     place = [float(v) for v in telemetry.gripper_position_w_m]
     return {"position_m": place, "yaw_deg": math.degrees(yaw), "opening_m": reference.finger_opening_m}
-
-
-def at_most(friction: Any, most: float) -> Any:
-    if isinstance(friction, dict):
-        return {face: min(value, most) for face, value in friction.items()}
-    return min(friction, most)
 
 
 def shift_of(hold: hold_t, grip: limb_knot_t, telemetry: limb_telemetry_t, turned_rad: float) -> tuple[float, float]:
