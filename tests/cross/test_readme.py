@@ -62,7 +62,7 @@ def test_the_example_of_a_scenario_has_every_key() -> None:
     assert parse_scenario(text).name == "every-key"
     kinds = (Scenario, Wall, Contact, Hold, Grasp, BodyPose, Gripper, Start, Goal, Horizon, Uncertainty, PlannerOptions)
     fields = {re.sub("_rad$", "_deg", name) for kind in kinds for name in kind.__dataclass_fields__}
-    fields -= {"given_w_m_s2", "slabs", "endless", "lean_deg", "tilt_deg", "foot_z_m", "grips"}  # of version 2
+    fields -= {"given_w_m_s2", "slabs", "endless", "lean_deg", "tilt_deg", "foot_z_m", "grips", "grip"}  # of version 2
     keys = (fields | {*WEIGHTS, *MARGINS, *FACE_NAMES, "version", "sigmas", "finger1"}) - {"yaml_text", "path"}
     named = {*re.findall(r"([+\w-]+)(?=: |:\n)", text), *re.findall(r"(?<=# )body(?= sets)", text)}
     assert keys - named == set()

@@ -81,8 +81,8 @@ def test_holds_have_places_for_grippers() -> None:
     wall = second()
     wall["holds"][1]["grips"] = [{"faces": "y", "aside_m": -0.01, "height_m": 0.03}]
     read = parse_scenario(wall)
-    assert [(hold.offers("x"), hold.offers("y")) for hold in read.holds[:2]] == [(True, True), (False, True)]
-    assert read.holds[1].grip("y") == read.holds[1].grips[0]
+    assert read.holds[0].places("x") == (None,)
+    assert (read.holds[1].places("x"), read.holds[1].places("y")) == ((), read.holds[1].grips)
     assert read.holds[1].grips[0].aside_m == -0.01
     schema = read_schema("scenario-2.json")
     assert wrong(schema, wall) == []
@@ -186,8 +186,14 @@ def test_what_stands_on_a_turned_face_is_not_in_it() -> None:
         (("obstacles", 0, "shape", "lean_deg"), {"+y": 10}, "obstacles[0].shape.lean_deg: is for holds"),
         (
             ("holds", 2, "grips"),
-            [{"faces": "x"}, {"faces": "x"}],
-            "grips: LR has two on faces x; expected one a pair",
+            [{"faces": "x"}, {"faces": "y", "share": [0.5, 1.0]}, {"faces": "x", "friction": 1.0}],
+            "grips: those of LR on faces x differ in share or friction; expected the same",
+        ),
+        (("start", "grasps", "RF", "grip"), 0, "RF.grip: 0: expected less than 0: the hold has so many grips on faces"),
+        (
+            ("goal", "grasps"),
+            {"RF": {"hold": "RF", "faces": "x", "grip": 0}},
+            "RF.grip: 0: is for starts: a goal",
         ),
         (("holds", 2, "grips"), [{"faces": "z"}], 'holds[2].grips[0].faces: "z": expected x or y'),
         (("holds", 2, "grips"), [{"faces": "x", "height_m": 35}], "height_m: 35: expected a number in 0.005..2 m"),

@@ -26,8 +26,9 @@ from crux_planner.checker.cost import cost
 from crux_planner.checker.no_way import NotShownError
 from crux_planner.checker.plan_arrays import read_plan
 from crux_planner.checker.report import Findings
-from crux_planner.model.build import all_grips, build_problem
+from crux_planner.model.build import build_problem
 from crux_planner.model.contacts import Contact
+from crux_planner.model.offers import all_grips
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
 from crux_planner.pipeline.bound_certificate import certify_bound

@@ -225,6 +225,63 @@ def test_a_pad_of_which_less_than_half_bears_is_refused() -> None:
         parse_scenario(wide({GOAL: {"faces": "x", "share": [0.4, 1.0]}}))
 
 
+ENDS_M = (-0.03, 0.03)
+ENDS = [{"faces": "x", "aside_m": aside, "height_m": 0.03} for aside in ENDS_M]
+
+
+def long_holds(blocked: int, begun: int | None = None) -> dict[str, Any]:
+    """The left front holds can be taken at either end; at one end of the upper one fingers have no space to open."""
+    wall = turned(0.0)
+    for hold in wall["holds"]:
+        hold["pose"]["position_m"][2] = 0.0
+        hold["shape"] = {"box_m": [0.06, 0.11, 0.06]}
+        if hold["name"] in (START, GOAL):
+            hold["grips"] = ENDS
+        if hold["name"] == GOAL:
+            x, y, _ = hold["pose"]["position_m"]
+            place = [x + 0.065, y + ENDS_M[blocked], 0.0]
+            block = {"name": "block", "pose": {"position_m": place}, "shape": {"box_m": [0.03, 0.03, 0.06]}}
+            wall["obstacles"] = [block]
+    if begun is not None:
+        wall["start"]["grasps"]["LF"]["grip"] = begun
+    return wall
+
+
+@cache
+def at_an_end(blocked: int, begun: int | None = None) -> PlanResult:
+    return crux_planner.plan(long_holds(blocked, begun), ROBOT)
+
+
+@pytest.mark.parametrize(("blocked", "begun"), [(0, 1), (1, 0)])
+def test_the_search_takes_the_end_of_a_hold_that_is_free(blocked: int, begun: int) -> None:
+    found = at_an_end(blocked, begun)
+    assert found.check.violations == []
+    assert places(found.plan, START)[:, 1] == pytest.approx(np.full(len(places(found.plan, START)), ENDS_M[begun]))
+    assert places(found.plan, GOAL)[:, 1] == pytest.approx(np.full(len(places(found.plan, GOAL)), ENDS_M[1 - blocked]))
+
+
+def test_a_start_has_the_grip_that_it_names() -> None:
+    plan = at_an_end(0, 1).plan
+    assert changed_violations(plan, ROBOT, lambda _plan: None) == set()
+    assert changed_violations(plan, ROBOT, lambda _plan: None, "grip: 1", "grip: 0") == {"contact_place"}
+    assert changed_violations(plan, ROBOT, lambda _plan: None, "aside_m: 0.03", "aside_m: 0.02") == {"contact_place"}
+    assert changed_violations(plan, ROBOT, lambda _plan: None, "aside_m: -0.03", "aside_m: -0.02") == set()
+
+
+def test_a_plan_from_a_stance_begins_at_the_end_that_is_held() -> None:
+    for blocked in (0, 1):
+        plan = at_an_end(blocked, 1 - blocked).plan
+        there = crux_planner.scenario_at(parse_scenario(plan.scenario_yaml), plan, len(plan.knots) - 1)
+        assert there.start.grasps["LF"].grip == 1 - blocked
+        assert there.start.grasps["RF"].grip is None
+        found = [place for place in places_of(there, ROBOT) if place.hold == there.hold_index(GOAL)]
+        assert {(place.grip, round(place.centre_W_m[1] - 0.36, 9)) for place in found} == set(enumerate(ENDS_M))
+
+
+def test_the_robot_climbs_from_end_to_end(tmp_path: Path) -> None:
+    climbs_and_replays(at_an_end(0, 1), ROBOT, tmp_path / "log.mcap")
+
+
 def test_the_robot_climbs_from_grip_to_grip(tmp_path: Path) -> None:
     """About 10 s: a move by runtime and physics, and its replay."""
     climbs_and_replays(in_part(), ROBOT, tmp_path / "log.mcap")

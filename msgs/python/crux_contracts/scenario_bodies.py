@@ -19,6 +19,7 @@ from .scenario_types import (
     MAX_GRAVITY_M_S2,
     MAX_LEAN_DEG,
     MAX_SURFACES,
+    MOST_GRIPS,
     POSITION,
     SIZE_M,
     VERSIONS,
@@ -100,7 +101,7 @@ class BoxHold(Box):
 
     friction: tuple[float, ...] = key((), 0.0, MAX_FRICTION, "", "one, or by face", required=True, reader="friction")
     spines: tuple[bool, ...] = key((True,) * 5, means="whether spines grip, of all or by face", reader="spines")
-    grips: tuple[Grip, ...] = key((), most=2, means="the only places for grippers, one a pair of faces (any place)")
+    grips: tuple[Grip, ...] = key((), most=MOST_GRIPS, means="the only places for grippers (any place)")
 
 
 @dataclass(frozen=True)
@@ -197,8 +198,11 @@ def _can_be(node: Node, body: Box, endless: bool, check: Checker) -> None:
         check.note_at(node, "pose.position_m", found, why)
     if body.shape.lean_deg and not isinstance(body, BoxHold):
         check.note_at(node, "shape.lean_deg", "", "is for holds: an obstacle is a box")
-    if isinstance(body, BoxHold) and len({grip.faces for grip in body.grips}) < len(body.grips):
-        check.note_at(node, "grips", "", f"{body.name} has two on faces {body.grips[0].faces}; expected one a pair")
+    grips = body.grips if isinstance(body, BoxHold) else ()
+    for faces in "xy":
+        if len({(grip.share, grip.friction) for grip in grips if grip.faces == faces}) > 1:
+            why = f"those of {body.name} on faces {faces} differ in share or friction; expected the same"
+            check.note_at(node, "grips", "", why)
     for axis, width in (("x", x), ("y", y)):
         leans = [body.shape.lean_deg.get(f"{sign}{axis}", 0.0) for sign in "+-"]
         left = width - height * sum(math.tan(math.radians(each)) for each in leans)
@@ -226,7 +230,7 @@ def _cuboid(body: Box) -> dict[str, Any]:
 def _hold(body: BoxHold) -> Hold:
     lean_deg = tuple(body.shape.lean_deg.get(face, 0.0) for face in SIDE_FACES)
     friction = dict(zip(FACE_NAMES, body.friction, strict=True))
-    for grip in body.grips:  # the only place for pads on these faces
+    for grip in body.grips:  # the only places for pads on these faces
         if grip.friction is not None:
             friction |= dict(zip((f"+{grip.faces}", f"-{grip.faces}"), grip.friction, strict=True))
     rough = tuple(friction.values())

@@ -164,8 +164,9 @@ def _near(footprints: list[Footprint]) -> Iterator[tuple[int, int]]:
 
 
 def check_grasps(check: Checker, keys: dict[str, Node]) -> None:
-    """Every grasp names a hold; no hold has two limbs."""
+    """Every grasp names a hold, and of a start a grip that it has; no hold has two limbs."""
     holds = [_members(node).get("name") for node in _items(keys.get("holds"))]
+    bodies = {name.content: node for name, node in zip(holds, _items(keys.get("holds")), strict=True) if name}
     known = [node.content for node in holds if node is not None and isinstance(node.content, str)]
     obstacles = [_members(node).get("name") for node in _items(keys.get("obstacles"))]
     forbidden = {node.content for node in obstacles if node is not None}
@@ -183,3 +184,17 @@ def check_grasps(check: Checker, keys: dict[str, Node]) -> None:
                 check.note(hold, f"expected a hold of its own for {limb}; {taken[hold.content]} has this one")
             else:
                 taken[hold.content] = limb
+                _check_grip(check, part, _members(grasp), bodies[hold.content])
+
+
+def _check_grip(check: Checker, part: str, grasp: dict[str, Node], hold: Node) -> None:
+    """A number of a hold's grips on the faces of a grasp."""
+    number, faces = grasp.get("grip"), grasp.get("faces")
+    if number is None or faces is None:
+        return
+    on = [_members(each).get("faces") for each in _items(_members(hold).get("grips"))]
+    many = sum(each is not None and each.content == faces.content for each in on)
+    if part == "goal":
+        check.note(number, "is for starts: a goal takes any of the hold's grips; expected none")
+    elif isinstance(number.content, int) and number.content >= many:
+        check.note(number, f"expected less than {many}: the hold has so many grips on faces {faces.content}")

@@ -28,6 +28,7 @@ MAX_CUBOIDS = 10_000
 MAX_SURFACES = 50
 MAX_LEAN_DEG = 50.0
 LEAST_SHARE = 0.5
+MOST_GRIPS = 16  # of a hold
 MAX_GRAVITY_M_S2 = 30.0
 MAX_STEPS = 1000
 SIZE_M = (0.005, 2.0)
@@ -136,21 +137,21 @@ class Hold(Cuboid):
     lean_deg: tuple[float, ...] = (0.0,) * 4
     """of the side faces (+x, -x, +y, -y), in to the hold's middle: `size_m` is that of the foot, the top is smaller"""
     grips: tuple[Grip, ...] = ()
-    """the only places for grippers, one a pair of faces; where there are none, any place on any pair of faces is one"""
+    """the only places for grippers; where there are none, any place on any pair of faces is one"""
 
-    def grip(self, faces: str) -> Grip | None:
-        """That on a pair of faces, x or y."""
-        return next((grip for grip in self.grips if grip.faces == faces), None)
+    def grips_on(self, faces: str) -> tuple[Grip, ...]:
+        """Those on a pair of faces, x or y: share and friction are the same for all of them."""
+        return tuple(grip for grip in self.grips if grip.faces == faces)
+
+    def places(self, faces: str) -> tuple[Grip | None, ...]:
+        """Where a gripper may be on a pair of faces: at its grips; None stands for anywhere."""
+        return self.grips_on(faces) if self.grips else (None,)
 
     @property
     def pad_share(self) -> tuple[float, ...]:
         """What of a pad bears on each side face (+x, -x, +y, -y): spines and k of (2) are so much less."""
-        on_x, on_y = self.grip("x"), self.grip("y")
-        return (*(on_x.share if on_x else (1.0, 1.0)), *(on_y.share if on_y else (1.0, 1.0)))
-
-    def offers(self, faces: str) -> bool:
-        """Whether a gripper may be on a pair of faces."""
-        return not self.grips or self.grip(faces) is not None
+        on_x, on_y = ([grip.share for grip in self.grips_on(faces)] or [(1.0, 1.0)] for faces in "xy")
+        return (*on_x[0], *on_y[0])
 
     @property
     def lean_rad(self) -> tuple[float, ...]:
@@ -171,6 +172,7 @@ class Grasp:
     hold: str = key(REQUIRED, means="name of the hold")
     faces: str = key(REQUIRED, words=("x", "y"), means="the pair of faces: +x and -x, or +y and -y")
     finger1: str | None = key(None, words=FACE_NAMES[:4], means="face under finger 1, if both ways fit", reader="plain")
+    grip: int | None = key(None, 0, MOST_GRIPS - 1, means="of a start: which of the hold's grips on these faces (any)")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Scenario
+from crux_contracts.scenario import Grip, Scenario
 
 from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array, Flags, Indices, rotation_of_gripper, turned_back
@@ -124,7 +124,7 @@ def _check_faces(
 
 
 def _check_places(plan: PlanArrays, scenario: Scenario, findings: Findings) -> None:
-    """(10a): on holds that have grips, a gripper is at the one on its faces."""
+    """(10a): on holds that have grips, a gripper is at one of those on its faces, at the start at that named there."""
     for hold, body in enumerate(scenario.holds):
         for k, limb in np.argwhere(plan.gripped & (plan.hold == hold)) if body.grips else ():
             on_y = plan.finger1_face[k, limb] >= 2
@@ -133,11 +133,19 @@ def _check_places(plan: PlanArrays, scenario: Scenario, findings: Findings) -> N
             if not grips:
                 findings.add("hold", 1.0, "", detail=f"none of the grips of {body.name!r} is on these faces", **where)
                 continue
+            begun = scenario.start.grasps.get(LIMB_NAMES[limb]) if k == 0 else None
+            if begun is not None and begun.grip is not None and begun.grip < len(grips):
+                grips = [grips[begun.grip]]
             place = _in_holds(plan, plan.gripper_position[[k], limb], np.array([hold]))[0]
-            off = abs(place[0 if on_y else 1] - grips[0].aside_m)
-            if grips[0].height_m is not None:
-                off = max(off, abs(place[2] - grips[0].height_m))
-            findings.add("contact_place", off, "m", detail=f"off the grip of {body.name!r}", **where)
+            off = min(_off_grip(place, grip) for grip in grips)
+            findings.add("contact_place", off, "m", detail=f"off the grips of {body.name!r}", **where)
+
+
+def _off_grip(place_m: Array, grip: Grip) -> float:
+    """How far [m] a gripper's middle is off a grip, along the hold's axes."""
+    x, y, z = place_m.tolist()
+    aside: float = abs((x if grip.faces == "y" else y) - grip.aside_m)
+    return aside if grip.height_m is None else max(aside, abs(z - grip.height_m))
 
 
 def _in_holds(plan: PlanArrays, place_w_m: Array, holds: Indices) -> Array:

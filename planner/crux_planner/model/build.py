@@ -6,14 +6,12 @@ not allow, an InfeasibleError.
 """
 
 import math
-from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.gripper_frames import gripper_rotation
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Hold, Scenario
+from crux_contracts.scenario import Scenario
 
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.arrays import Array
@@ -21,30 +19,26 @@ from crux_planner.model.contacts import (
     FACE_NAMES,
     PAIR_NAMES,
     Contact,
-    Grip,
     GripperShape,
     SwingLimits,
     opening_for,
-    yaws_in_range,
 )
 from crux_planner.model.cuboids import Cuboids, cuboids_of
-from crux_planner.model.faces import PASSING_CLEARANCE_M, Faces, faces_of, smooth_faces, usable_friction
+from crux_planner.model.faces import PASSING_CLEARANCE_M, smooth_faces
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, composite_inertia
+from crux_planner.model.offers import TIGHT_CLEARANCE_M, Offers, all_grips
 from crux_planner.model.poses import body_and_ends, posture, weights_of, within_limits
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem
 from crux_planner.model.shapes import limb_radii_m
 from crux_planner.model.surfaces import Surfaces
-from crux_planner.model.unusable import WALL_CLEARANCE_M, faces_text, height_text, look_at_grip, narrow_text
 from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leaning_m, limb_reach, tilt_for
 
 MOST_CUBOIDS, MOST_WAY_M = 300, 40.0  # holds, and as many obstacles, and way that are planned at once
-TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
 LIFT_RESERVE_M = 0.006  # kept below the highest lift that the highest body allows, for a body that tilts
 FRICTION_MARGIN = 0.1  # share of the limit surface left unused
 MOST_FRICTION = 0.929  # share of (2) that a disc under even pressure bears whatever the load, as the check has it: (2a)
-EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face's edge
 TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
 LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has the last word
 STEEPEST_RAD = 1.4  # roll and pitch of a body beside bounded surfaces alone: pitch and yaw turn alike at a right angle
@@ -72,7 +66,7 @@ def build_problem(
     limits = _swing_limits(scenario, robot, reach.box, clearance_m, surfaces)
     cuboids = cuboids_of(scenario.cuboids, heading)
     turn_rad = float(goal.rpy_rad[2])
-    contacts, unusable = _contacts(scenario, robot, cuboids, surfaces, shape, limits, off_centre, turn_rad)
+    contacts, unusable = Offers.of(scenario, robot, cuboids, surfaces, shape, limits, off_centre, turn_rad).contacts()
     contacts += [_in_air(limb, scenario, heading, cuboids, shape) for limb in scenario.start.air]
     begin = start_contacts(scenario, robot, start, contacts, unusable, robot.grasp.gripper_yaw_rad)
     contact, (tolerance_m, tolerance_rad) = scenario.contact, (scenario.goal.tolerance_m, scenario.goal.tolerance_rad)
@@ -146,7 +140,7 @@ def wall_contacts(
     surfaces = Surfaces.of(scenario.wall, heading)
     limits = _swing_limits(scenario, robot, reach.box, clearance_m, surfaces)
     cuboids, shape = cuboids_of(scenario.cuboids, heading), _gripper_shape(robot)
-    return _contacts(scenario, robot, cuboids, surfaces, shape, limits, off_centre, 0.0)
+    return Offers.of(scenario, robot, cuboids, surfaces, shape, limits, off_centre, 0.0).contacts()
 
 
 def _body_bounds(scenario: Scenario, robot: Robot) -> BodyBounds:
@@ -218,112 +212,6 @@ def _limb_contacts(scenario: Scenario, contacts: list[Contact], begin: list[int]
     ]
 
 
-def _contacts(
-    scenario: Scenario,
-    robot: Robot,
-    cuboids: Cuboids,
-    surfaces: Surfaces,
-    shape: GripperShape,
-    limits: SwingLimits,
-    off_centre: bool,
-    final_yaw_rad: float,
-) -> tuple[list[Contact], dict[tuple[int, int], str]]:
-    """All grasps the wall offers to a body that heads as at the start, as at the goal, or in between, and why a (hold,
-    pair) offers none.
-    """
-    contacts: list[Contact] = []
-    unusable: dict[tuple[int, int], str] = {}
-    contact, (low, high) = scenario.contact, robot.grasp.gripper_yaw_rad
-    yaw_range = low + min(final_yaw_rad, 0.0), high + max(final_yaw_rad, 0.0)
-    for index, hold in enumerate(scenario.holds):
-        for pair in (0, 1):
-            if not hold.offers(PAIR_NAMES[pair]):
-                unusable[index, pair] = "none of its grips is on these faces"
-                continue
-            faces = Faces.of(hold, pair, robot, contact.patch_radius_m)
-            if faces is None:
-                unusable[index, pair] = height_text(hold.size_m[2], robot, contact.patch_radius_m)
-                continue
-            if (reason := faces_text(hold, pair, faces, shape, contact.patch_radius_m)) is not None:
-                unusable[index, pair] = reason
-                continue
-            look_at_grip(scenario, index, pair, faces)
-            half, height = faces.half_m, faces.height_m
-            yaw_rad, tilt_rad = cuboids.yaw_and_tilt(index)
-            normal = yaw_rad + pair * np.pi / 2
-            turn = gripper_rotation(normal, tilt_rad)
-            axis, across, up = turn.T
-            middle = cuboids.foot_m[index] + height * up
-            middle = middle + faces.off_m * axis + faces.aside_m * across
-            slack = faces.width_m / 2 - contact.patch_radius_m - EDGE_RESERVE_M
-            anywhere = off_centre and slack > EDGE_RESERVE_M and not hold.grips
-            sides = (0.0, slack, -slack) if anywhere else (0.0,)
-            for side in sides:
-                centre = middle + side * across
-                opening = None
-                for clearance in (limits.clearance_m, min(limits.clearance_m, TIGHT_CLEARANCE_M)):
-                    given = (centre, turn, index, half, cuboids, shape, clearance, faces.lean_rad)
-                    opening = opening or opening_for(*given)
-                nearest = (np.inf, "") if opening is None else surfaces.nearest(centre, turn, opening, shape)
-                if opening is None or nearest[0] < WALL_CLEARANCE_M:
-                    continue
-                for yaw, swapped in yaws_in_range(normal, yaw_range):
-                    one = _contact(scenario, hold, index, pair, swapped, yaw, centre, opening)
-                    tilt = tilt_rad if scenario.tilts else None
-                    contacts.append(replace(one, separation_m=2 * half, pad_radius_m=shape.pad_radius, tilt_rad=tilt))
-            if not contacts or (contacts[-1].hold, contacts[-1].pair) != (index, pair):
-                opens = partial(opening_for, middle, turn, index, half, cuboids, shape)
-                unusable[index, pair] = narrow_text(opens, nearest, min(limits.clearance_m, TIGHT_CLEARANCE_M))
-    fingers = sorted(set(contact.spines_only.values()))
-    by_spines = (replace(c, spines_only=finger) for finger in fingers for c in contacts if not c.leans)
-    return contacts + [c for c in by_spines if not c.slippery], unusable
-
-
-def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
-    """Every hold and face pair that the gripper spans at all, whatever stands beside it."""
-    grips = []
-    cuboids, radius = cuboids_of(scenario.cuboids, heading), scenario.contact.patch_radius_m
-    least, most = robot.gripper.opening_m
-    for index, hold in enumerate(scenario.holds):
-        low = max(robot.grasp.pad_height_m[0], radius)
-        high = min(robot.grasp.pad_height_m[1], hold.size_m[2] - radius)
-        for pair in (0, 1):
-            aside = hold.size_m[1 - pair] / 2 - radius
-            if low > high or aside < 0 or not 2 * least <= hold.size_m[pair] <= 2 * most:
-                continue
-            yaw_rad, tilt_rad = cuboids.yaw_and_tilt(index)
-            yaw, up = yaw_rad + pair * np.pi / 2, gripper_rotation(yaw_rad, tilt_rad)[:, 2]
-            centre = cuboids.foot_m[index] + (low + high) / 2 * up
-            contact = _contact(scenario, hold, index, pair, False, yaw, centre, most)
-            contact = replace(contact, tilt_rad=tilt_rad if scenario.tilts else None)
-            grips.append(Grip(contact, aside, (low, high)))
-    return grips
-
-
-def _contact(
-    scenario: Scenario, hold: Hold, index: int, pair: int, swapped: bool, yaw: float, centre: Array, opening: float
-) -> Contact:
-    faces = faces_of(pair)[:: -1 if swapped else 1]  # of fingers 1 and 2
-    return Contact(
-        hold=index,
-        pair=pair,
-        finger1_face=faces[0],
-        yaw_rad=yaw,
-        centre_h_m=centre,
-        separation_m=hold.size_m[pair],
-        friction=np.array([usable_friction(hold, face) for face in faces]),
-        spines=np.stack([_spines(scenario, hold, face) for face in faces]),
-        open_m=opening,
-        lean_rad=np.array([hold.lean_rad[face] for face in faces]),
-    )
-
-
-def _spines(scenario: Scenario, hold: Hold, face: int) -> Array:
-    """(3,): most that the spines of a finger hold of (s1, s2, m) on a face."""
-    shear_N, twist_Nm = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
-    return float(hold.spines[face]) * hold.pad_share[face] * np.array([shear_N, shear_N, twist_Nm])
-
-
 def _in_air(name: str, scenario: Scenario, heading: float, cuboids: Cuboids, shape: GripperShape) -> Contact:
     """Where a limb is in the air at the start: a contact that bears nothing; its hold: what it surrounds."""
     gripper, limb = scenario.start.air[name], LIMB_NAMES.index(name)
@@ -371,6 +259,10 @@ def start_contacts(
         if not found:
             beyond = "expected the other face: with this one the gripper would be turned beyond its range"
             raise wrong(scenario, f"start.grasps.{limb}.finger1", str(grasp.finger1), beyond)
+        found = [i for i in found if grasp.grip in (None, contacts[i].grip)]
+        if not found:
+            why = f"fingers have no space there on {grasp.hold}"
+            raise wrong(scenario, f"start.grasps.{limb}.grip", str(grasp.grip), why)
         found = [i for i in found if within_limits(own, start, contacts[i].pose)] or found
         chosen.append(min(found, key=lambda i: abs(contacts[i].yaw_rad)))  # of equal ones the first: centred
     return chosen

@@ -76,6 +76,7 @@ class Contact:
     lean_rad: Array = field(default_factory=lambda: np.zeros(2))  # of the faces of fingers 1 and 2, see `normals`
     pad_radius_m: float = 0.0  # pads are balls that touch a leaning face beside the opening axis
     tilt_rad: Array | None = None  # (2,) of the gripper, see model.hands; None where all of a problem are upright
+    grip: int = 0  # number of the hold's grips on these faces
 
     @property
     def grip_friction(self) -> Array:

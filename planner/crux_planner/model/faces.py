@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Hold
+from crux_contracts.scenario import Grip, Hold
 
-from crux_planner.model.contacts import FACE_NAMES, PAIR_NAMES
+from crux_planner.model.contacts import FACE_NAMES
 
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
 
@@ -42,7 +42,7 @@ class Faces:
     width_m: float  # of the narrower face, where the patch ends
     off_m: float  # of the gripper's middle from the hold's, along the axis
     aside_m: float  # and across it
-    beyond_m: float  # the faces' edges, or the pads' range of heights, by which the hold's grip has its pads
+    beyond_m: float  # the faces' edges, or the pads' range of heights, by which a grip has its pads
 
     @staticmethod
     def top_over_pads_m(robot: Robot) -> float:
@@ -50,15 +50,14 @@ class Faces:
         return float(robot.gripper.finger_height_m - PASSING_CLEARANCE_M)
 
     @classmethod
-    def of(cls, hold: Hold, pair: int, robot: Robot, patch_radius_m: float) -> Faces | None:
-        """In the middle, or at the hold's grip. None where the hold is too low or too high for the pads."""
+    def of(cls, hold: Hold, pair: int, robot: Robot, patch_radius_m: float, grip: Grip | None) -> Faces | None:
+        """In the middle, or at one of the hold's grips. None where the hold is too low or too high for the pads."""
         mine, others = ([hold.lean_rad[face] for face in faces_of(which)] for which in (pair, 1 - pair))
         radius, size = robot.gripper.pad_radius_m, hold.size_m
         allowed = robot.grasp.pad_height_m
         low, high = pad_heights(size[2], allowed, patch_radius_m, cls.top_over_pads_m(robot), mine, radius)
         if low > high:
             return None
-        grip = hold.grip(PAIR_NAMES[pair])
         height = float(np.clip((allowed[0] + allowed[1]) / 2, low, high))
         height = height if grip is None or grip.height_m is None else grip.height_m
         # A ball touches a leaning face when its middle is so far beyond it along the axis.

@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Hold, Scenario
+from crux_contracts.scenario import Grip, Hold, Scenario
 
 from crux_planner.errors import wrong
-from crux_planner.model.contacts import PAIR_NAMES, GripperShape
+from crux_planner.model.contacts import GripperShape
 from crux_planner.model.faces import Faces, smooth_faces, too_steep
 
 ROUNDING_M = 1e-6  # of places in files
@@ -36,11 +36,11 @@ def faces_text(hold: Hold, pair: int, faces: Faces, shape: GripperShape, patch_r
     return None
 
 
-def look_at_grip(scenario: Scenario, index: int, pair: int, faces: Faces) -> None:
-    """Raises ScenarioError where a hold's own grip has pads beyond its faces."""
-    if faces.beyond_m > ROUNDING_M:
+def look_at_grip(scenario: Scenario, index: int, grip: Grip | None, faces: Faces) -> None:
+    """Raises ScenarioError where one of a hold's own grips has pads beyond its faces."""
+    if grip is not None and faces.beyond_m > ROUNDING_M:
         hold = scenario.holds[index]
-        which = next(i for i, grip in enumerate(hold.grips) if grip.faces == PAIR_NAMES[pair])
+        which = hold.grips.index(grip)
         why = f"{hold.name}: its pads are {1e3 * faces.beyond_m:.1f} mm beyond the faces, or the heights they may have"
         raise wrong(scenario, f"holds[{index}].grips[{which}]", "", why)
 

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.grip_places import grasp_of
 from crux_contracts.interpolation import knot_times_s
 from crux_contracts.scenario import BodyPose, Scenario, parse_scenario
 from crux_contracts.scenario_document import as_obstacle, scenario_document
 from crux_msgs import plan_t
 
 from crux_planner.errors import InfeasibleError, wrong
-from crux_planner.model.contacts import FACE_NAMES, PAIR_NAMES
 
 EARLY_S = 1e-9
 """A knot counts as reached."""
@@ -59,16 +59,11 @@ def scenario_at(
     return rewritten(scenario, start=start, steps=max(1, len(running.knots) - 1 - k), without=without)
 
 
-def grasps_at(running: plan_t, k: int) -> dict[str, dict[str, str]]:
+def grasps_at(running: plan_t, k: int) -> dict[str, dict[str, Any]]:
     """What each limb grips at knot k of a plan, a stance, as a scenario's start has it."""
-    return {
-        name: {
-            "hold": running.holds[limb.hold].name,
-            "faces": PAIR_NAMES[limb.finger1_face // 2],
-            "finger1": FACE_NAMES[limb.finger1_face],
-        }
-        for name, limb in zip(LIMB_NAMES, running.knots[k].limbs, strict=True)
-    }
+    planned = parse_scenario(running.scenario_yaml, any_robot=True)
+    limbs = zip(LIMB_NAMES, running.knots[k].limbs, strict=True)
+    return {name: grasp_of(running, limb, planned) for name, limb in limbs}
 
 
 def edited(scenario: Scenario, edit: Callable[[dict[str, Any]], None]) -> Scenario:

@@ -17,9 +17,10 @@ from crux_contracts.scenario import Goal, GoalPose, Grasp, Scenario, ScenarioErr
 
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.arrays import Array, Flags
-from crux_planner.model.build import all_grips, build_problem, wall_contacts
+from crux_planner.model.build import build_problem, wall_contacts
 from crux_planner.model.contacts import PAIR_NAMES, Contact
 from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.offers import all_grips
 from crux_planner.pipeline.explanation import check_start
 from crux_planner.reach.arm import CLEAR_M, reaches_of
 from crux_planner.reach.body_grid import BodyGrid

@@ -106,7 +106,7 @@ def _lanes(hold: Box, robot: Robot) -> list[Box]:
         if can:
             size = np.array([length, thick, hold.size_m[2]])
             yaw = hold.yaw_rad + axis * np.pi / 2.0
-            grip = hold.as_hold.grip("xy"[axis])
+            grip = next(iter(hold.as_hold.places("xy"[axis])), None)
             aside = (0.0 if grip is None else grip.aside_m) * hold.axes[1 - axis]
             found.append(Box(hold.name, hold.position_m + aside, size, yaw, (False, False), (0.0, 0.0), ""))
     return found

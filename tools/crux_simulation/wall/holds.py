@@ -110,8 +110,11 @@ def _box(name: str, first: _Pair, second: _Pair | None, ends: tuple[float, float
 def _gripped(box: Box, pairs: dict[str, _Pair], robot: Robot) -> Box | str:
     """With the grips of those pairs whose pads are on their faces."""
     whole = replace(box, grips=tuple(pair.grip(faces, box) for faces, pair in pairs.items()))
-    found = [Faces.of(whole.as_hold, pair, robot, robot.gripper.pad_radius_m) for pair in (0, 1)]
-    can = [faces is not None and on and faces.beyond_m <= FITS_M for faces, on in zip(found, whole.faces, strict=True)]
+    can = [False, False]
+    for grip in whole.grips:
+        pair = "xy".index(grip.faces)
+        faces = Faces.of(whole.as_hold, pair, robot, robot.gripper.pad_radius_m, grip)
+        can[pair] = faces is not None and faces.beyond_m <= FITS_M
     return replace(whole, faces=(can[0], can[1])) if any(can) else BEYOND
 
 

@@ -112,7 +112,9 @@ def _grips(holds: list[Box], robot: Robot) -> list[Grip]:
 
 def _place(hold: Box, pair: int, robot: Robot) -> Array | None:
     """Where a gripper's middle is on a pair of faces in W, as the planner has it."""
-    faces = Faces.of(hold.as_hold, pair, robot, robot.gripper.pad_radius_m)
+    as_hold = hold.as_hold
+    (grip,) = as_hold.places("xy"[pair]) or (None,)
+    faces = Faces.of(as_hold, pair, robot, robot.gripper.pad_radius_m, grip)
     if faces is None:
         return None
     yaw = hold.yaw_rad + pair * np.pi / 2.0

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import FAULT_BY_CODE
+from crux_contracts.grip_places import grasp_of
 from crux_contracts.gripper_frames import yaw_and_tilt
 from crux_contracts.interpolation import knot_times_s
 from crux_contracts.robot import Robot
@@ -48,6 +49,13 @@ class Situation:
     robot: Robot
     missed_before: frozenset[str] = frozenset()
     """holds that a limb on its way to them did not grip under an earlier plan"""
+
+    @cached_property
+    def _planned(self) -> Scenario:
+        return parse_scenario(self.plan.scenario_yaml, any_robot=True)
+
+    def _grasp(self, limb: limb_knot_t) -> dict[str, Any]:
+        return grasp_of(self.plan, limb, self._planned)
 
     @property
     def interval(self) -> int:
@@ -146,7 +154,7 @@ class Situation:
             seen.add(held)
             rpy_deg = np.degrees(knot.body_rpy_rad).tolist()
             body = {"position_m": list(knot.body_position_w_m), "rpy_deg": rpy_deg, "tolerance_m": 0.02}
-            grasps = {name: _grasp(self.plan, limb) for name, limb in zip(LIMB_NAMES, knot.limbs, strict=True)}
+            grasps = {name: self._grasp(limb) for name, limb in zip(LIMB_NAMES, knot.limbs, strict=True)}
             goals.append({"body": body, "grasps": {n: {k: g[k] for k in ("hold", "faces")} for n, g in grasps.items()}})
         return goals
 
@@ -154,7 +162,7 @@ class Situation:
         start: dict[str, Any] = {"body": self._body(), "grasps": {}, "air": {}}
         for limb, name in enumerate(LIMB_NAMES):
             if self.grips(limb):
-                start["grasps"][name] = _grasp(self.plan, self.grasp(limb))
+                start["grasps"][name] = self._grasp(self.grasp(limb))
             else:
                 start["air"][name] = _in_air(self.status.reference[limb], self.status.telemetry[limb])
         return start
@@ -220,11 +228,6 @@ class Situation:
             shift_m = shift_of(self.plan.holds[grasp.hold], grasp, telemetry, turned_rad)
             set_foot(left, moved(foot, shift_m, turned_rad))
         return left
-
-
-def _grasp(plan: plan_t, limb: limb_knot_t) -> dict[str, Any]:
-    face = FACE_NAMES[limb.finger1_face]
-    return {"hold": plan.holds[limb.hold].name, "faces": face[1:], "finger1": face}
 
 
 def _in_air(reference: limb_reference_t, telemetry: limb_telemetry_t) -> dict[str, Any]:

@@ -48,6 +48,8 @@ class Place:
     centre_W_m: Floats
     yaw_rad: float
     half_m: float
+    grip: int | None = None
+    """number of the hold's grips on these faces, where it has any"""
 
 
 @dataclass(frozen=True)
@@ -85,14 +87,17 @@ def places_of(scenario: Scenario, robot: Robot) -> list[Place]:
     places = []
     for number, hold in enumerate(scenario.holds):
         for pair in (0, 1):
-            faces = Faces.of(hold, pair, robot, scenario.contact.patch_radius_m)
-            if faces is None or not hold.offers(FACE_NAMES[2 * pair][1:]):
-                continue
-            yaw = hold.yaw_rad + pair * math.pi / 2
-            middle = np.array([*hold.position_m, hold.foot_z_m])
-            centre = middle + _turn(yaw) @ [faces.off_m, faces.aside_m, faces.height_m]
-            for way, name in enumerate(FACE_NAMES[2 * pair : 2 * pair + 2]):
-                places.append(Place(number, name, centre, yaw + way * math.pi, faces.half_m))
+            names = FACE_NAMES[2 * pair : 2 * pair + 2]
+            for which, grip in enumerate(hold.places(names[0][1:])):
+                faces = Faces.of(hold, pair, robot, scenario.contact.patch_radius_m, grip)
+                if faces is None:
+                    continue
+                yaw = hold.yaw_rad + pair * math.pi / 2
+                middle = np.array([*hold.position_m, hold.foot_z_m])
+                centre = middle + _turn(yaw) @ [faces.off_m, faces.aside_m, faces.height_m]
+                for way, name in enumerate(names):
+                    turned, at = yaw + way * math.pi, None if grip is None else which
+                    places.append(Place(number, name, centre, turned, faces.half_m, at))
     return places
 
 
@@ -223,7 +228,8 @@ def scenario_from(scenario: Scenario, robot: Robot, status: Any, on: Mapping[str
         if limb in stance.places:
             place = stance.places[limb]
             hold = content["holds"][place.hold]
-            start["grasps"][name] = {"hold": hold["name"], "faces": place.finger1[1:], "finger1": place.finger1}
+            grasp = {"hold": hold["name"], "faces": place.finger1[1:], "finger1": place.finger1}
+            start["grasps"][name] = grasp | ({} if place.grip is None else {"grip": place.grip})
             if np.linalg.norm(off_m := (at - place.centre_W_m)[:2]) > SHIFT_M:
                 set_foot(hold, moved(foot_of(hold), off_m.tolist(), 0.0))
         else:

@@ -16,7 +16,7 @@ from crux_planner.certificates.infeasibility.goal_map import GoalMap
 from crux_planner.certificates.infeasibility.poses import GoalPoses
 from crux_planner.certificates.infeasibility.relaxed import RelaxedBalance, RelaxedReach, near_goal
 from crux_planner.errors import InfeasibleError, LevelGoalError
-from crux_planner.model.build import all_grips
+from crux_planner.model.offers import all_grips
 from crux_planner.model.poses import out_of_reach, point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.shapes import palm_shape

@@ -58,7 +58,7 @@ class Ghost:
             grasp = grasps.get(name)
             if grasp is None or grasp["hold"] not in named:
                 continue
-            place = self._place(named[grasp["hold"]], "xy".index(grasp["faces"]), float(rpy_rad[2]))
+            place = self._place(named[grasp["hold"]], grasp, float(rpy_rad[2]))
             if place is None:
                 continue
             position, yaw, half_m = place
@@ -67,14 +67,18 @@ class Ghost:
         mujoco.mj_kinematics(self._robot.model, data)
         return self._bodies.poses(data)
 
-    def _place(self, hold: Content, pair: int, heading_rad: float) -> tuple[np.ndarray, float, float] | None:
-        """Where a gripper's middle is on a pair of faces, its yaw, and from there to a pad's face."""
+    def _place(self, hold: Content, grasp: Content, heading_rad: float) -> tuple[np.ndarray, float, float] | None:
+        """Where a gripper's middle is by a grasp, its yaw, and from there to a pad's face."""
+        pair, which = "xy".index(grasp["faces"]), int(grasp.get("grip", 0))
         lean_deg = tuple(float(hold["lean_deg"].get(face, 0.0)) for face in SIDE_FACES)
         x, y, z = map(float, hold["size_m"])
         grips = tuple(Grip(**grip) for grip in hold.get("grips", []))
         as_hold = Hold(name="hold", position_m=(0.0, 0.0), size_m=(x, y, z), lean_deg=lean_deg, grips=grips)
-        faces = Faces.of(as_hold, pair, self._described, self._described.gripper.pad_radius_m)
-        if faces is None or not as_hold.offers("xy"[pair]):
+        places = as_hold.places(grasp["faces"])
+        if which >= len(places):
+            return None
+        faces = Faces.of(as_hold, pair, self._described, self._described.gripper.pad_radius_m, places[which])
+        if faces is None:
             return None
         along = math.radians(hold["yaw_deg"]) + pair * math.pi / 2
         yaw = heading_rad + math.remainder(along - heading_rad, math.pi)  # either finger may be on either face

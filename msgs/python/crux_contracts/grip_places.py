@@ -1,0 +1,28 @@
+"""Which of a hold's grips a gripper of a plan is at."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from .scenario_types import FACE_NAMES, Grip, Scenario
+from .turned_boxes import axes_of
+
+
+def grasp_of(plan: Any, limb: Any, scenario: Scenario) -> dict[str, Any]:
+    """What a limb_knot_t of a plan_t grips, as the start of its scenario has it."""
+    hold, face = plan.holds[limb.hold], FACE_NAMES[limb.finger1_face]
+    grasp = {"hold": hold.name, "faces": face[1:], "finger1": face}
+    grips = scenario.holds[scenario.hold_index(hold.name)].grips_on(face[1:])
+    if len(grips) > 1:
+        off = [float(a - b) for a, b in zip(limb.gripper_position_w_m, hold.position_w_m, strict=True)]
+        place = [sum(a * b for a, b in zip(axis, off, strict=True)) for axis in axes_of((*hold.tilt_rad, hold.yaw_rad))]
+        grasp["grip"] = min(range(len(grips)), key=lambda number: _off_m(place, grips[number]))
+    return grasp
+
+
+def _off_m(place_m: list[float], grip: Grip) -> float:
+    """How far a gripper's middle is from a grip, along the hold's axes off its foot."""
+    x, y, z = place_m
+    height_m = z if grip.height_m is None else grip.height_m
+    return math.hypot((y if grip.faces == "x" else x) - grip.aside_m, z - height_m)
