@@ -124,6 +124,8 @@ SEAM = '<origin xyz="0.08 0 0" rpy="0 1.5707963267948966 0"/>'
 INERTIAL = (
     '<inertial><mass value="{}"/><inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>'
 )
+HELD = '<inertia ixx="0.0004" ixy="0" ixz="0" iyy="0.0003" iyz="0" izz="0.0004"/>'
+SPREAD = '<inertia ixx="0.25" ixy="5e-17" ixz="0" iyy="0.25" iyz="0" izz="0.25"/>'  # of 0.25 kg: 1 m about each axis
 ARM = '<origin xyz="0.15 0 0" rpy="0 0 0"/>'
 FINGER = 'type="prismatic"'
 AXIS = '<axis xyz="1 0 0"/>'
@@ -348,6 +350,7 @@ ALRIGHT = [
     _all("longer limbs", ARM, ARM.replace("0.15", "0.17")),
     _urdf("another mass", 'mass value="2.8"', 'mass value="3.1"'),
     _urdf("a turned inertia", '<origin xyz="0 0 0"/>', '<origin xyz="0 0 0.01" rpy="0.1 0.2 0.3"/>'),
+    _in("link LF_gripper", "an inertia as large as allowed, but for rounding", HELD, SPREAD),
     _added("a frame", '<link name="camera"/>' + _fixed("camera", "base", "camera")),
     _added("what others read", '<transmission name="x"><type>any</type></transmission><gazebo reference="base"/>'),
     Case("axes turned around", URDF, _against, ()),

@@ -183,7 +183,7 @@ class _Reader:
             self.note(key, value, "expected all of them above 0")
         elif small + middle <= large * (1 + bounds.ALIKE):
             self.note(key, value, "expected each below the sum of the two others")
-        elif large > mass * bounds.MAX_GYRATION_M**2:
+        elif large > mass * bounds.MAX_GYRATION_M**2 * (1 + bounds.ALIKE):
             limit = f"{mass * bounds.MAX_GYRATION_M**2:.3g}"
             self.note(key, value, f"expected at most {limit} for {mass:g} kg: are these kg mm2?")
 

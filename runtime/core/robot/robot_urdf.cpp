@@ -170,7 +170,7 @@ class Reader {
       refuse(path_, key, value, "expected all of them above 0");
     if (p[0] + p[1] <= p[2] * (1.0 + bounds::kAlike))
       refuse(path_, key, value, "expected each below the sum of the two others");
-    if (p[2] > most)
+    if (p[2] > most * (1.0 + bounds::kAlike))
       refuse(path_, key, value,
              "expected at most " + shown(most, "%.3g") + " for " + shown(mass) + " kg: are these kg mm2?");
   }
