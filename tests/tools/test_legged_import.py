@@ -68,3 +68,27 @@ def test_what_is_wrong_with_the_urdf_comes_with_what_the_mapping_lacks(
     assert [line for line in told if "grams" in line] == [
         'dog.urdf: link trunk: value="5000.0": expected at most 100 kg: are these grams?'
     ]
+
+
+def floating(urdf: Path, parent: str, child: str) -> Path:
+    """The same with a joint that floats, as simulators have between their world and the base of a robot."""
+    joint = f'<joint name="free" type="floating"><parent link="{parent}"/><child link="{child}"/></joint>'
+    path = urdf.with_name("free.urdf")
+    path.write_text(urdf.read_text(encoding="utf-8").replace("</robot>", f'<link name="new"/>{joint}</robot>'))
+    return path
+
+
+def test_what_floats_above_the_body_does_not_hinder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf = dog(tmp_path)
+    for mapping in ("", MAPPING, MAPPING.replace("torso", "trunk")):
+        plain = refused(urdf, tmp_path, capsys, mapping)
+        free = refused(floating(urdf, "new", "trunk"), tmp_path, capsys, mapping)
+        assert [line.replace("free.urdf", "dog.urdf") for line in free] == [
+            line.replace("its root is trunk", "its root is new") for line in plain
+        ]
+
+
+def test_what_floats_on_the_robot_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = floating(dog(tmp_path), "trunk", "new")
+    told = refused(path, tmp_path, capsys, MAPPING.replace("torso", "trunk"))
+    assert "free.urdf: joint free: floating: expected revolute, prismatic, continuous or fixed" in told

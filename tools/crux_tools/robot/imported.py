@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from crux_tools.robot.written import Hand, robot_yaml, urdf_text
 from crux_tools.robot.xacro_file import arguments_of, expanded, is_xacro
 
 MESH = "<mesh>"  # of problems that an import has a cure for
+FREE = ("floating", "planar")  # of a URDF's joints
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ def imported(urdf_path: Path, mapping_path: Path | None, folder: Path, xacro: Se
     if is_xacro(urdf_path, text):
         text = expanded(urdf_path, text, arguments_of(xacro))
     root = parse_xml(text, str(urdf_path))
+    _ground(root, mapping.body_link)
     urdf, found = read_urdf(root, str(urdf_path))
     if mapping.like and mapping.like not in robot_names():
         problems.append(Problem("like", mapping.like, f"expected one of {', '.join(robot_names())}"))
@@ -82,6 +85,26 @@ def imported(urdf_path: Path, mapping_path: Path | None, folder: Path, xacro: Se
     first: JointFacts = numbers[limbs[0].name][1]
     (folder / "robot.yaml").write_text(robot_yaml(mapping, like, first), encoding="utf-8")
     return Imported(folder, _assumed(mapping, meshes), _refusals(folder))
+
+
+def _ground(root: ET.Element, body_link: str) -> None:
+    """Fixes what floats between the URDF's root and the body: crux's body is free anyway. Without the body, all that
+    floats.
+    """
+    above = {_link_of(joint, "child"): joint for joint in root.findall("joint")}
+    known = any(link.get("name") == body_link for link in root.findall("link"))
+    before, link = set[str](), body_link
+    while link in above and link not in before:
+        before.add(link)
+        link = _link_of(above[link], "parent")
+    for child, joint in above.items():
+        if joint.get("type") in FREE and (not known or child in before):
+            joint.set("type", "fixed")
+
+
+def _link_of(joint: ET.Element, end: str) -> str:
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
 
 
 def _there(urdf: Urdf, path: str) -> Problem:
