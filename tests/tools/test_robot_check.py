@@ -44,6 +44,17 @@ def test_the_shipped_robot_is_good_but_for_its_heat(capsys: pytest.CaptureFixtur
     assert "9.60 kg" in by_topic["masses"]["found"]
 
 
+def test_weak_fingers_are_named_where_a_robot_slips(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    yaml = folder / "robot.yaml"
+    yaml.write_text(yaml.read_text().replace("max_finger_force_N: 60", "max_finger_force_N: 9"))
+    check = checked(folder, capsys)[2]["peak torques"]
+    assert "0 degrees 0.12 (LF_joint2), on three limbs slips; 45 degrees slips, on three limbs slips" in check["found"]
+    assert check["remedy"] == (
+        "does not hold on four limbs at 45, 90, 135 degrees, on three limbs at 0, 45, 90, 135, 180 degrees; "
+        "where it slips, fingers need more than 9 N (gripper.max_finger_force_N)"
+    )
+
+
 def test_a_robot_that_the_planner_does_not_take_is_checked_nevertheless(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -158,7 +158,7 @@ def _clearance(where: Stance) -> Finding:
 
 
 def _loads(where: Stance, sections: dict[str, Any], friction: float) -> Iterator[Finding]:
-    peaks = peak_torques_Nm(where.model.limbs)
+    peaks, most_N = peak_torques_Nm(where.model.limbs), sections["gripper"].max_finger_force_N
     lasting = np.array(sections["servo"].continuous_torque_Nm)
     kinds = [("peak torques", peaks)]
     if all(len(limb.joints) == len(lasting) for limb in where.model.limbs):
@@ -166,20 +166,30 @@ def _loads(where: Stance, sections: dict[str, Any], friction: float) -> Iterator
     for name, limits in kinds:
         if not all(np.isfinite(each).all() and (each > 0).all() for each in limits):
             continue
-        texts, failed = [], []
+        texts: list[str] = []
+        failed: dict[str, list[int]] = {"four": [], "three": []}
+        slips = False
         for slope in SLOPES_DEG:
             hung = [
-                least_load(where, np.radians(slope), limits, friction, sections["gripper"].max_finger_force_N, lifted)
+                least_load(where, np.radians(slope), limits, friction, most_N, lifted)
                 for lifted in (None, *range(len(where.model.limbs)))
             ]
-            four, three = _shown(hung[:1]), _shown(hung[1:])
-            texts.append(f"{slope} degrees {four}, on three limbs {three}")
-            if any(load is None or load.share > 1.0 for load in hung):
-                failed.append(f"{slope}")
+            texts.append(f"{slope} degrees {_shown(hung[:1])}, on three limbs {_shown(hung[1:])}")
+            for count, loads in zip(failed, (hung[:1], hung[1:]), strict=True):
+                if any(load is None or load.share > 1.0 for load in loads):
+                    failed[count].append(slope)
+            slips |= None in hung
         found = f"share that hanging takes, friction {friction:g}: {'; '.join(texts)}"
-        verb = "does not hold" if limits is peaks else "heats up"
-        remedy = f"{verb} on four or on three limbs at {', '.join(failed)} degrees"
-        yield Finding(name, DOUBTFUL if failed else GOOD, found, remedy)
+        remedy = f"{'does not hold' if limits is peaks else 'heats up'} {_where(failed)}"
+        if slips:
+            remedy += f"; where it slips, fingers need more than {most_N:g} N (gripper.max_finger_force_N)"
+        yield Finding(name, DOUBTFUL if any(failed.values()) else GOOD, found, remedy)
+
+
+def _where(failed: dict[str, list[int]]) -> str:
+    """Slopes by the number of limbs that fail there."""
+    each = (f"on {count} limbs at {', '.join(map(str, slopes))} degrees" for count, slopes in failed.items() if slopes)
+    return ", ".join(each)
 
 
 def _shown(loads: list[Load | None]) -> str:
