@@ -16,7 +16,8 @@ like: scaler                                 # whose robot.yaml has all that is 
 body_link: base
 limbs: {LF: 0, RF: 1, LR: 2, RR: 3}          # what stands for {} below
 joints: ["yaw{}", "hip{}", "knee{}", "pitch{}", "roll{}", "turn{}"]   # shoulder outwards: four to seven
-gripper: {link: "palm{}", origin_m: [0, 0, -0.05]}   # between the pads; x: opening axis, z: off the wall
+gripper: {link: "palm{}", origin_m: [0, 0, -0.05], rpy_rad: [0, 0, 0]}   # between the pads, in the link's frame
+                                             # x: opening axis, z: off the wall, from the pads to the palm
 fingers: ["left{}", "right{}"]               # finger 1 moves towards +x of the gripper
 locked: {waist: 0}                           # joints that stay where they are
 limits_rad: {yaw: [-1.5, 1.5]}               # where the URDF has none, or others; names without {}

@@ -24,6 +24,7 @@ ROUND_M = 5  # digits of lengths
 PARALLEL = 1e-3  # sine between axes
 TURNING = ("revolute", "continuous")
 NO_GRIPPER = "which it has to have"
+WAY = "rpy_rad turns the gripper's frame in that of its link until x is the opening axis"
 SLIDES = 0.02  # sine between a finger's slide and the gripper's x
 
 
@@ -241,7 +242,7 @@ class Reader:
             axis = gripper.turn.T @ at.turn @ np.array(joint.axis)
             if np.hypot(axis[1], axis[2]) > SLIDES:
                 shown = " ".join(f"{v:.3g}" for v in np.round(axis, 3) + 0.0)
-                self.note("gripper.rpy_rad", f"{name} slides along {shown}", "expected x, the opening axis")
+                self.note("gripper.rpy_rad", f"{name} slides along {shown}", f"expected x: {WAY}")
             part = Part()
             for link, pose in self._group(joint.child, at, {}):
                 self._add(part, link, pose)
