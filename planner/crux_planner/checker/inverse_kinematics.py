@@ -2,8 +2,9 @@
 
 A first pose is reached from the nearest of many postures spread over the joint ranges; from its solution a few others
 start, and from between these all others; those that fail, or end outside the joint limits, start again from the
-nearest sample in time that did not. Limbs that differ only in where their first joint sits and how their gripper is
-mounted have the same arm, and take the first two steps together.
+nearest sample in time that did not. Where angles jump, they go on from the sample before if the limits allow. Limbs
+that differ only in where their first joint sits and how their gripper is mounted have the same arm, and take the first
+two steps together.
 
 Every joint of an arm has a frame whose z is its axis, so that each is a turn about z after one constant turn.
 libcrux_checker.so walks along the arms.
@@ -24,6 +25,7 @@ from crux_planner.checker.limb_model import Limb, axis_frame
 
 SEED_POSTURES = 1024
 SEEDS = 16  # of these, the nearest to a first pose
+JUMP_RAD = 0.5  # of a joint between samples: more may be another solution
 STRIDE = 8  # samples of which one is solved from the first pose, the others from what lies between two such
 
 
@@ -181,7 +183,23 @@ def _follow(arm: Arm, start: Array, poses: _Poses) -> Solution:
         q[bad[better]], error[bad[better]] = again[better], left[better]
         if not better.any():
             break
+    _continue(arm, q, error, poses)
     return Solution(q, *error.T)
+
+
+def _continue(arm: Arm, q: Array, error: Array, poses: _Poses) -> None:
+    """Goes on from the sample before wherever angles (n, J) jump to another solution, such as that of a turned wrist,
+    although the limits allow to.
+    """
+    at = 0
+    for jump in np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1) > JUMP_RAD) + 1:
+        at = max(at, int(jump))
+        while at < len(q) and np.abs(q[at] - q[at - 1]).max() > JUMP_RAD:
+            again, left = arm.reached(q[at - 1 : at], poses[at : at + 1])
+            if not _good(arm, again, left)[0] or np.abs(again[0] - q[at - 1]).max() > JUMP_RAD:
+                break
+            q[at], error[at] = again[0], left[0]
+            at += 1
 
 
 def _good(arm: Arm, q: Array, error: Array) -> Flags:
@@ -190,21 +208,26 @@ def _good(arm: Arm, q: Array, error: Array) -> Flags:
 
 
 def _firsts(arm: Arm, poses: _Poses) -> Array:
-    """Of every pose the best of the descents from the postures nearest to it, (n, J): inside the limits if any is."""
+    """Of every pose the best of the descents from the postures nearest to it, (n, J): inside the limits if any is, and
+    of these the one nearest to their middle.
+    """
     postures, at = _postures(arm)
     cosine = 0.5 * (np.einsum("nij,mij->nm", poses.rotation, at.rotation) - 1.0)
     away = ((poses.position[:, None] - at.position) ** 2).sum(axis=2) + np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2
+    away[:, 0] = -1.0  # the middle posture is always one of them
     seeds = np.argsort(away, axis=1)[:, :SEEDS].ravel()
     q, error = arm.reached(postures[seeds], poses[np.repeat(np.arange(len(poses)), SEEDS)])
     outside = np.maximum(np.maximum(arm.lower_rad - q, q - arm.upper_rad), 0.0).sum(axis=1)
-    best = np.argmin((error.sum(axis=1) * 1e3 + outside).reshape(-1, SEEDS), axis=1)
+    middle, half = (arm.lower_rad + arm.upper_rad) / 2, (arm.upper_rad - arm.lower_rad) / 2
+    off = np.where(_good(arm, q, error), np.abs((q - middle) / half).max(axis=1), 1.0)
+    best = np.argmin((error.sum(axis=1) * 1e3 + outside + off).reshape(-1, SEEDS), axis=1)
     return np.asarray(q[best + SEEDS * np.arange(len(poses))])
 
 
 @lru_cache(maxsize=16)
 def _postures(arm: Arm) -> tuple[Array, _Poses]:
-    """Postures (m, J) spread over the joint ranges, and where the arm's end is there."""
-    spread = _evenly_spread(SEED_POSTURES, len(arm.lower_rad))
+    """Postures (m, J), the middle of the joint ranges and others spread over them, and where the arm's end is there."""
+    spread = np.vstack([np.full(len(arm.lower_rad), 0.5), _evenly_spread(SEED_POSTURES, len(arm.lower_rad))])
     postures = arm.lower_rad + spread * (arm.upper_rad - arm.lower_rad)
     return postures, _Poses(*arm.forward(postures)[:2])
 

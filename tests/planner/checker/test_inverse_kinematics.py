@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_planner.checker import inverse_kinematics
-from crux_planner.checker.geometry import rotation_about_z, rotation_from_rpy
+from crux_planner.checker.geometry import Array, rotation_about_z, rotation_from_rpy
 from crux_planner.checker.inverse_kinematics import arm_of
-from crux_planner.checker.limb_model import load_model
+from crux_planner.checker.limb_model import Limb, load_model
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -47,6 +47,46 @@ def test_a_path_is_followed_without_jumps(index: int) -> None:
     (solution,) = inverse_kinematics.solve([MODEL.limbs[index]], [position], [rotation])
     assert solution.position_error_m.max() < 1e-6
     assert np.abs(np.diff(solution.q_rad, axis=0)).max() < 0.05
+
+
+def turned_wrist() -> Limb:
+    """LF with the axes of an industrial arm: its last three joints roll, pitch and roll, and have two solutions."""
+    limb = MODEL.limbs[0]
+    axes = dict(zip((joint.name for joint in limb.joints[3:]), np.eye(3)[[0, 1, 0]], strict=True))
+    chain, joints = (
+        tuple(
+            replace(joint, axis=axes[joint.name], lower=-3.1, upper=3.1) if joint.name in axes else joint
+            for joint in each
+        )
+        for each in (limb.chain, limb.joints)
+    )
+    return replace(limb, chain=chain, joints=joints)
+
+
+def poses_of(limb: Limb, q_rad: Array) -> tuple[Array, Array]:
+    state = limb.forward(q_rad)
+    return state.link_position_m[limb.gripper], state.link_rotation[limb.gripper]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_wrist_does_not_turn_around_on_the_way(seed: int) -> None:
+    """Its joint 5 comes near 0, where the other solution, in which 4 and 6 are half a turn off, is near, too."""
+    limb, random, s = turned_wrist(), np.random.default_rng(seed), np.linspace(0.0, 2 * np.pi, 400)
+    swings = np.append(random.uniform(0.1, 0.5, 3), random.uniform(0.2, 1.6, 3))
+    q_rad = swings * np.sin(random.integers(1, 3, 6) * s[:, None] + random.uniform(0.0, 6.0, 6))
+    q_rad[:, 4] = random.uniform(0.03, 0.08) + random.uniform(0.03, 0.3) * (1.0 + np.cos(s))
+    q_rad += (limb.lower_rad + limb.upper_rad) / 2
+    place, turn = poses_of(limb, q_rad)
+    (solution,) = inverse_kinematics.solve([limb], [place], [turn])
+    assert np.abs(solution.q_rad - q_rad).max() < 1e-4
+
+
+def test_of_two_solutions_within_the_limits_the_one_nearest_to_their_middle_comes_first() -> None:
+    limb, random = turned_wrist(), np.random.default_rng(1)
+    middle, half = (limb.lower_rad + limb.upper_rad) / 2, (limb.upper_rad - limb.lower_rad) / 2
+    near = middle + random.uniform(-0.3, 0.3, (60, 6)) * half
+    found = [inverse_kinematics.solve([limb], *([each] for each in poses_of(limb, q[None])))[0].q_rad[0] for q in near]
+    assert np.abs(np.array(found) - near).max() < 1e-4
 
 
 def test_limbs_solved_together_are_solved_as_alone() -> None:
