@@ -18,6 +18,7 @@ from crux_planner.model.workspace import Reach
 
 _GRID, _TILTS = 13, 5  # points along each edge of a box, and of tilts about each axis
 _FIT = 5  # the same, where a straight line is laid through them
+_YAWS = 9  # of grippers, until a limb reaches
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -58,7 +59,7 @@ def _limbs_in_body(problem: CentroidalProblem, poses: Array, hands: Array) -> tu
     return to_h, placed(numbers, in_reach(numbers, gripper, up), up, along)
 
 
-def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
+def linear_centre(problem: Problem) -> tuple[Array, Array]:
     """(3, 3) A and (3,) b: the centre of mass of a level body is off its origin by about A @ p + b, p the mean of
     where its grippers are off it; in the body frame.
 
@@ -69,10 +70,7 @@ def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
     ends = []
     for limb, middle in zip(problem.limb_masses, problem.boxes.centre_b_m, strict=False):
         place = middle[:, None] + problem.boxes.half_m[:, None] * unit
-        with np.errstate(invalid="ignore"):
-            at = place[0], place[1], place[2]
-            moment = np.stack(placed(limb.at(at, _Z, _X, np.nan), at, _Z, _X).first_moment())
-        moment /= problem.mass_kg
+        moment = _first_moment(limb, place, problem.gripper_yaw_rad) / problem.mass_kg
         known = ~np.isnan(moment).any(axis=0)
         place, moment = place[:, known], moment[:, known]
         ends.append((place.mean(axis=1), moment.mean(axis=1)))
@@ -82,6 +80,20 @@ def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
     for place, moment in ends:
         rest = rest + moment - slope @ place
     return len(ends) * slope, rest
+
+
+def _first_moment(limb: LimbMasses, place: Array, yaw_rad: tuple[float, float]) -> Array:
+    """(3, n) [kg m] of a limb with upright grippers at places (3, n), body frame, NaN where it has none in reach: at the
+    yaw nearest to 0 at which it reaches any.
+    """
+    at = place[0], place[1], place[2]
+    for yaw in sorted(np.linspace(*yaw_rad, _YAWS), key=abs):
+        along = float(np.cos(yaw)), float(np.sin(yaw)), 0.0
+        with np.errstate(invalid="ignore"):
+            moment = np.stack(placed(limb.at(at, _Z, along, np.nan), at, _Z, along).first_moment())
+        if not np.isnan(moment).all():
+            break
+    return moment
 
 
 def gripper_spans(problem: Problem) -> tuple[Array, Array]:

@@ -9,12 +9,14 @@ import casadi as ca
 import numpy as np
 import pytest
 from crux_contracts.robot import Limb, Robot, load_robot
-from crux_contracts.scenario import ScenarioError, parse_scenario
+from crux_contracts.scenario import ScenarioError, load_scenario, parse_scenario
 from crux_planner.checker.limb_model import load_model
 from crux_planner.model.arrays import Array
+from crux_planner.model.build import build_problem
 from crux_planner.model.chain import ChainInverse, chain_inverse
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.model.limb import limb_masses
+from crux_planner.model.mass import linear_centre
 from crux_planner.physics.torque import joint_torques
 from crux_planner.pipeline.entry import plan
 from crux_planner.reach.arm import MARGIN_RAD, ArmReach
@@ -124,3 +126,18 @@ def test_walks_and_the_methods_of_the_paper_say_that_they_need_a_closed_form(oth
         text = (ROOT / "msgs/scenarios" / f"{scene}.yaml").read_text(encoding="utf-8")
         with pytest.raises(ScenarioError, match=f"{said}.*closed-form"):
             plan(parse_scenario(text), other, method=method)
+
+
+def test_the_centre_of_mass_is_known_of_a_hand_that_is_always_turned(tmp_path: Path) -> None:
+    """Its limits leave no upright gripper at yaw 0."""
+    robot, turned = (load_robot(other_limbs("wrist offset", tmp_path / name)) for name in ("as-it-is", "turned"))
+    urdf = turned.folder / "scaler.urdf"
+    text = urdf.read_text(encoding="utf-8")
+    start = text.index('<joint name="LF_joint6"')
+    urdf.write_text(text[:start] + text[start:].replace('lower="-2.9"', 'lower="2.0"', 1), encoding="utf-8")
+    problem = build_problem(load_scenario(ROOT / "msgs" / "scenarios" / "climb-four-holds.yaml"), robot)
+    turned = load_robot(turned.folder)
+    other = replace(problem, limb_masses=tuple(limb_masses(turned, limb) for limb in turned.limbs))
+    (follow, rest), (of_other, rest_of_other) = (linear_centre(each) for each in (problem, other))
+    np.testing.assert_allclose(of_other, follow, atol=0.1)
+    np.testing.assert_allclose(rest_of_other, rest, atol=0.02)
