@@ -61,14 +61,14 @@ def test_it_climbs_one_step_of_its_wall(tmp_path: Path) -> None:
 
 def variant(row: str, mapping: str) -> str:
     """The mapping with the limits and motors of a row of the page."""
-    efforts = "{default: 4.1, F_Joint: 8.2, A_Joint: 8.2}"
+    efforts = "{default: 4.1, Shoulder_Joint: 8.2, F_Joint: 8.2, A_Joint: 8.2}"
     assert efforts in mapping
     if "teleoperation" in row:
         return re.sub(r"^limits_rad:.*\n.*\n", TELEOPERATED.lstrip(), mapping, flags=re.MULTILINE)
     if "4.1 Nm" in row:
         return mapping.replace(efforts, "{default: 4.1}")
-    if "shoulder" in row:
-        return mapping.replace(efforts, efforts.replace("}", ", Shoulder_Joint: 8.2}"))
+    if "shoulder" not in row:
+        return mapping.replace(efforts, efforts.replace("Shoulder_Joint: 8.2, ", ""))
     assert "the mapping" in row
     return mapping
 
