@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from climbs import climbs_and_replays
 from crux_contracts.robot import ROBOTS, load_robot
-from crux_contracts.scenario import load_scenario
+from crux_contracts.scenario import load_scenario, parse_scenario
 from crux_tools import cli
 from crux_tools.paths import ROOT
 from crux_tools.robot3d.robot_model import build_model
@@ -51,11 +51,13 @@ def test_what_carries_its_shoulders_is_seen_and_touches_nothing() -> None:
     assert sorted(shown) == ["box", *["cylinder"] * 4, *["sphere"] * 8]
 
 
-def test_it_climbs_one_step_of_its_wall(tmp_path: Path) -> None:
+@pytest.mark.parametrize("slope_deg", [45, pytest.param(90, marks=pytest.mark.sweep)])
+def test_it_climbs_one_step_of_its_wall(slope_deg: int, tmp_path: Path) -> None:
     """Planned, checked, climbed, and computed again from the log: some 15 s, for its limbs have no closed form."""
     robot, log = load_robot(NAME), tmp_path / "log.mcap"
     assert robot.limbs[0].transmission.five_bar is not None
-    found = unproven(load_scenario(ROOT / "msgs" / "scenarios" / "climb-makers.yaml"), robot)
+    wall = (ROOT / "msgs" / "scenarios" / "climb-makers.yaml").read_text(encoding="utf-8")
+    found = unproven(parse_scenario(wall.replace("slope_deg: 45", f"slope_deg: {slope_deg}")), robot)
     climbs_and_replays(found, robot, log)
 
 
