@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from crux_contracts.robot import ROBOTS
+from crux_contracts.robot import ROBOTS, load_robot
+from crux_planner.checker.limb_model import load_model
 from crux_tools import cli
 from crux_tools.robot.described import described
 from crux_tools.robot.loads import least_load
+from crux_tools.robot.singular import singular_within
 from crux_tools.robot.stance import Stance, limb_reach, stance
 
 
@@ -42,6 +44,21 @@ def test_the_shipped_robot_is_good_but_for_its_heat(capsys: pytest.CaptureFixtur
     assert (status, said["ok"], said["problems"]) == (0, True, [])
     assert [topic for topic, check in by_topic.items() if check["verdict"] != "good"] == ["continuous torques"]
     assert "9.60 kg" in by_topic["masses"]["found"]
+
+
+def test_a_wrist_that_is_singular_within_the_reach_is_told() -> None:
+    """It rolls, pitches and rolls; with its joint 5 at 0 the two that roll are in one line."""
+    limb = load_model(load_robot("scaler")).limbs[0]
+    axes = dict(zip((joint.name for joint in limb.joints[3:]), np.eye(3)[[0, 1, 0]], strict=True))
+    limb = replace(limb, chain=tuple(replace(each, axis=axes.get(each.name, each.axis)) for each in limb.chain))
+    limb = replace(limb, joints=tuple(each for each in limb.chain if each.kind == "revolute"))
+    q_rad = np.tile([0.2, 0.5, 1.0, -0.4, 0.0, 0.3], (41, 1))
+    q_rad[:, 4] = np.linspace(-0.4, 0.4, 41)
+    said = "LF is singular at a LF_joint5 of 0 rad, where LF_joint4 and LF_joint6 turn fast"
+    assert singular_within(limb, q_rad) == f"{said}: limits on one side of it keep plans off"
+    one_side = np.tile([[-np.inf], [np.inf]], 6)
+    one_side[0, 4] = 0.05
+    assert singular_within(limb, q_rad[21:]) == singular_within(limb, q_rad, one_side) == ""
 
 
 def test_weak_fingers_are_named_where_a_robot_slips(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

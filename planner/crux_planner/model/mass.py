@@ -83,8 +83,8 @@ def linear_centre(problem: Problem) -> tuple[Array, Array]:
 
 
 def _first_moment(limb: LimbMasses, place: Array, yaw_rad: tuple[float, float]) -> Array:
-    """(3, n) [kg m] of a limb with upright grippers at places (3, n), body frame, NaN where it has none in reach: at
-    the yaw nearest to 0 at which it reaches any.
+    """(3, n) [kg m] of a limb with upright grippers at places (3, n), body frame, NaN where they are out of reach: at
+    the yaw nearest to 0 at which any is within.
     """
     at = place[0], place[1], place[2]
     for yaw in sorted(np.linspace(*yaw_rad, _YAWS), key=abs):

@@ -14,6 +14,7 @@ from crux_planner.checker.limb_model import Limb, WholeRobot
 from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, Finding
 from crux_tools.robot.described import Described, reasons
 from crux_tools.robot.loads import Load, least_load, peak_torques_Nm
+from crux_tools.robot.singular import singular_within
 from crux_tools.robot.stance import CLEAR_M, LimbReach, Stance, closest, limb_reach, stance
 
 SLOPES_DEG = (0, 45, 90, 135, 180)
@@ -33,7 +34,7 @@ def findings(robot: Described, friction: float, wall: Path | None = None) -> Ite
     if robot.sections["five_bar"].first_joint:
         yield _five_bar(robot)
     reaches = [limb_reach(robot.model.body, limb, robot.sections) for limb in robot.model.limbs]
-    yield _reach(reaches, robot.sections)
+    yield _reach(robot, reaches)
     if all(len(reach.places_m) > 0 for reach in reaches):
         where = stance(robot.model, reaches, robot.sections["gripper"].open_opening_m)
         yield _clearance(where)
@@ -132,7 +133,7 @@ def _five_bar(robot: Described) -> Finding:
     return Finding("five-bar", GOOD, found)
 
 
-def _reach(reaches: list[LimbReach], sections: dict[str, Any]) -> Finding:
+def _reach(robot: Described, reaches: list[LimbReach]) -> Finding:
     texts = []
     for reach in reaches:
         text = f"{reach.limb.name} nothing"
@@ -140,12 +141,16 @@ def _reach(reaches: list[LimbReach], sections: dict[str, Any]) -> Finding:
             (x0, y0), (x1, y1) = reach.places_m.min(axis=0), reach.places_m.max(axis=0)
             text = f"{reach.limb.name} {reach.area_m2:.3f} m2 (x {x0:.2f}..{x1:.2f}, y {y0:.2f}..{y1:.2f} m)"
         texts.append(f"{text} at yaw {reach.yaw_rad:.2f}")
-    low, high = sections["body"].height_m
+    low, high = robot.sections["body"].height_m
     found = f"upright grips with the body {(low + high) / 2:.3f} m off the wall: {'; '.join(texts)}"
     missing = [reach.limb.name for reach in reaches if len(reach.places_m) == 0]
     remedy = "other joint limits, body.height_m, grasp.pad_height_m or grasp.gripper_yaw_rad"
     if missing:
         return Finding("reach", BAD, found, f"{', '.join(missing)}: no grip within the joint limits; needs {remedy}")
+    kept = [None] * len(reaches) if robot.robot is None else [limb.branch_rad for limb in robot.robot.limbs]
+    said = (singular_within(reach.limb, reach.q_rad, each) for reach, each in zip(reaches, kept, strict=True))
+    if singular := list(filter(None, said)):
+        return Finding("reach", DOUBTFUL, found, "\n          ".join(singular))
     return Finding("reach", GOOD, found)
 
 
