@@ -91,6 +91,13 @@ def test_a_file_cut_short_is_found(size: int) -> None:
         from_bytes(SMALL[:size], "p.mcap")
 
 
+@pytest.mark.parametrize("size", [8, 20, 100])
+def test_what_a_cut_file_lacks_is_said_in_words(size: int) -> None:
+    with pytest.raises(PlanFileError) as caught:
+        from_bytes(SMALL[:size], "p.mcap")
+    assert str(caught.value) == "p.mcap: is damaged or cut short: the end of the file is missing"
+
+
 @settings(deadline=None, max_examples=100)
 @given(data=st.binary(max_size=200))
 def test_rubbish_behind_the_magic_is_found(data: bytes) -> None:
@@ -116,7 +123,7 @@ def test_other_files_are_told_apart(tmp_path: Path) -> None:
         from_bytes(_mcap_with("/robot_state"))
     with pytest.raises(PlanFileError, match="another layout"):
         from_bytes(_mcap_with("/plan"))
-    with pytest.raises(PlanFileError, match="zstd-compressed"):
+    with pytest.raises(PlanFileError, match="is zstd-compressed, as logs are: expected a plan written by crux plan"):
         from_bytes(_mcap_with("/plan", compression_topic=True))
     with pytest.raises(PlanFileError, match="No such file"):
         read_plan(tmp_path / "none.mcap")

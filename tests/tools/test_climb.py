@@ -156,6 +156,17 @@ def test_a_gain_that_differs_by_one_percent_is_named(
     assert re.match(r"differs: cycle \d+, /control_output \S+: \S+ in the log, \S+ computed", capsys.readouterr().out)
 
 
+def test_a_cut_log_is_not_recomputed_without_a_word(
+    one_limb: Climb, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    part, whole = tmp_path / "part.mcap", one_limb[2].read_bytes()
+    part.write_bytes(whole[: len(whole) // 3])
+    assert main(["replay", str(part), "--check"]) == 0
+    told = capsys.readouterr()
+    assert "the same, bit for bit" in told.out
+    assert told.err == "crux replay: the end of the file is missing\n"
+
+
 def test_a_log_without_its_beginning_is_not_called_the_same(
     one_limb: Climb, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

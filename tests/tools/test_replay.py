@@ -62,6 +62,16 @@ def test_no_log_is_refused_in_one_line(content: bytes, tmp_path: Path, capsys: p
     assert str(path) in errors
 
 
+def test_a_log_cut_in_its_head_is_called_cut(
+    log_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(log_path.read_bytes()[:100])
+    assert cli.main(["replay", str(path), "--check"]) == 2
+    said = "no /control_input, /control_output, /robot_state in it: the end of the file is missing"
+    assert capsys.readouterr().err == f"crux replay: {path}: {said}\n"
+
+
 @pytest.mark.parametrize("port", ["-1", "65536", "http"])
 def test_a_wrong_port_is_named(port: str, log_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stopped:

@@ -47,6 +47,14 @@ class PlanFileError(Exception):
     """A plan file that cannot be read or is not to be trusted; str() is one line with the file's name."""
 
 
+class _DamagedError(Exception):
+    """str() is what is missing or wrong."""
+
+
+class _CompressedError(Exception):
+    """str() is the compression."""
+
+
 def plan_id(plan: plan_t) -> str:
     """SHA-256 (hex) of the plan's LCM encoding with plan_id empty."""
     given = plan.plan_id
@@ -139,8 +147,14 @@ def _plan_payload(data: bytes, name: str) -> bytes:
                 channels[record.id] = record
             elif isinstance(record, Message) and channels[record.channel_id].topic == PLAN_TOPIC:
                 payloads.append((schemas[channels[record.channel_id].schema_id], record.data))
-    except Exception as error:  # the mcap library raises a dozen unrelated kinds for damaged bytes
-        raise PlanFileError(f"{name}: is damaged or cut short ({type(error).__name__}: {_one_line(error)})") from None
+    except _CompressedError as error:
+        raise PlanFileError(
+            f"{name}: is {error}-compressed, as logs are: expected a plan written by crux plan"
+        ) from None
+    except _DamagedError as error:
+        raise PlanFileError(f"{name}: is damaged or cut short: {error}") from None
+    except Exception:  # the mcap library raises a dozen unrelated kinds for damaged bytes
+        raise PlanFileError(f"{name}: is damaged or cut short: a record cannot be read") from None
     if len(payloads) != 1:
         what = "a climb's log, not a plan" if payloads or len(channels) > 2 else "an MCAP file without a plan"
         raise PlanFileError(f"{name}: is {what}: {len(payloads)} messages on {PLAN_TOPIC}, expected 1")
@@ -159,7 +173,7 @@ def _records(data: bytes) -> Iterator[Any]:
             yield record
         elif record.compression:
             # Nothing of ours is compressed, so nothing can unfold into more than the file's size.
-            raise ValueError(f"{record.compression[:16]}-compressed, expected an uncompressed plan")
+            raise _CompressedError(record.compression[:16])
         else:
             yield from breakup_chunk(record, validate_crc=True)
 
@@ -167,17 +181,15 @@ def _records(data: bytes) -> Iterator[Any]:
 def _check_summary(data: bytes) -> None:
     """The library checks the data section's checksum, where it finds that record, but not the summary's."""
     footer_start = len(data) - _FOOTER_LENGTH
-    opcode, length, summary_start, _, crc = struct.unpack_from("<BQQQI", data, max(footer_start, 0))
+    if footer_start < 0:
+        raise _DamagedError("the end of the file is missing")
+    opcode, length, summary_start, _, crc = struct.unpack_from("<BQQQI", data, footer_start)
     if opcode != Opcode.FOOTER or length != struct.calcsize("<QQI") or data[-8:] != data[:8]:
-        raise ValueError("the end of the file is missing")
+        raise _DamagedError("the end of the file is missing")
     if crc == 0 or summary_start > footer_start or zlib.crc32(data[summary_start : len(data) - 12]) != crc:
-        raise ValueError("the summary's checksum is wrong")
+        raise _DamagedError("the summary's checksum is wrong")
     if data[max(summary_start - len(_DATA_END) - 4, 0) :][: len(_DATA_END)] != _DATA_END:
-        raise ValueError("the data section's checksum is missing")
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:120]
+        raise _DamagedError("the data section's checksum is missing")
 
 
 def _fields(definition: str) -> list[str]:

@@ -80,6 +80,8 @@ def _check(options: argparse.Namespace) -> int:
     robot = None if options.robot is None else load_robot(options.robot)
     found, bus = recompute.recomputed(options.log, frames, options.within, robot)
     ok = found.ok and (bus is None or bus.first_difference is None)
+    for remark in found.lost:
+        note(f"crux replay: {remark}")
     if options.json:
         print_json(found.to_json() | {"ok": ok, "bus": None if bus is None else vars(bus)})
         return 0 if ok else 1

@@ -12,9 +12,9 @@ import math
 import struct
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Queue
 from typing import IO, Any, TypeVar
@@ -63,13 +63,15 @@ class Difference:
 class Comparison:
     """`cycles` compared; `missing_cycle`: one the log has not, behind which nothing can be computed.
 
-    `largest`: of the differences of numbers that were allowed, in the unit of whatever they are of.
+    `largest`: of the differences of numbers that were allowed, in the unit of whatever they are of. `lost`: what of the
+    file could not be read, a sentence each.
     """
 
     cycles: int
     first_difference: Difference | None
     missing_cycle: int | None
     largest: float = 0.0
+    lost: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -124,14 +126,14 @@ def recomputed(
             given.put(None)
             feeding.result()
         if not found.cycles and found.missing_cycle is None and found.first_difference is None:
-            _refuse_empty(path, (INPUT, *OUTPUTS))
-        return found, found_beside.result()
+            _refuse_empty(path, (INPUT, *OUTPUTS), log.lost)
+        return replace(found, lost=tuple(log.lost)), found_beside.result()
 
 
 def _refuse_others(log: Payloads, path: Path) -> None:
     """Raises UsageError for what is no log, or one of another robot or crux."""
     if missing := [topic for topic in (INPUT, *OUTPUTS) if topic not in log.definitions]:
-        _refuse_empty(path, missing)
+        _refuse_empty(path, missing, log.lost)
     if not log.attachments and (differs := difference(log.metadata, {})):
         raise UsageError(f"{path}: {differs}")
     for topic in (INPUT, *OUTPUTS):
@@ -146,8 +148,8 @@ def _refuse_others(log: Payloads, path: Path) -> None:
         )
 
 
-def _refuse_empty(path: Path, missing: Iterable[str]) -> None:
-    raise UsageError(f"{path}: no {', '.join(missing)} in it: this is no log of crux-runtime")
+def _refuse_empty(path: Path, missing: Iterable[str], lost: Sequence[str]) -> None:
+    raise UsageError(f"{path}: no {', '.join(missing)} in it: {'; '.join(lost) or 'this is no log of crux-runtime'}")
 
 
 def _feed(records: IO[bytes], given: Queue[Messages | None]) -> None:

@@ -56,6 +56,7 @@ class Raw:
     metadata: dict[str, str] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     end: dict[str, str] | None = None
+    cut: bool = False  # its last record is not whole, or is no footer
     notes: list[str] = field(default_factory=list)
 
     def know(self, channel: Channel) -> None:
@@ -92,6 +93,7 @@ class Payloads:
     types: dict[str, str]
     metadata: dict[str, str]
     attachments: dict[str, bytes]
+    lost: list[str] = field(default_factory=list)  # what of the file is not in these, a sentence each
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,7 @@ def _raws(path: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[Raw, floa
                 elif isinstance(record, Header) and record.profile != "ros2":
                     raise LogError(f"{path}: MCAP profile is '{record.profile}', crux writes 'ros2'")
         except READ_ERRORS:
-            raw.end = None  # the file is cut off
+            raw.end, raw.cut = None, True
         raw.notes += unpacker.notes()
     yield raw, 1.0
 
@@ -244,7 +246,8 @@ def _payloads(raw: Raw, topics: set[str]) -> Payloads:
     types = {name: schema.name for name, schema in schemas.items()}
     payloads = {name: raw.payloads[number] for number, name in names.items()}
     times_ns = {name: raw.times_ns[number] for number, name in names.items()}
-    return Payloads(payloads, times_ns, definitions, types, raw.metadata, raw.attachments)
+    lost = ["the end of the file is missing"] * raw.cut + raw.notes
+    return Payloads(payloads, times_ns, definitions, types, raw.metadata, raw.attachments, lost)
 
 
 def _opened(path: Path, wanted: Callable[[str], bool]) -> Raw:
