@@ -134,6 +134,12 @@ def test_the_last_word_is_the_most_particular_one() -> None:
         ),
         (HEAD + "sensors:\n  - {sensor: finger_force, on: RR, error: bias, N: 1e9}\n", 4, "in -1000..1000 N"),
         (HEAD + "sensors:\n  - {sensor: gyro, on: LF, error: zero}\n", 4, "expected force_torque, encoder"),
+        (
+            HEAD + "sensors:\n  - {sensor: encodr, on: LF, error: bias, rad: 0.1}\n",
+            4,
+            '"encodr": expected force_torque',
+        ),
+        (HEAD + "sensors:\n  - {sensor: encoder, on: LF, error: bais, rad: 0.1}\n", 4, '"bais": expected'),
         (HEAD + "sensors:\n  - {sensor: force_torque, on: LF.1, error: zero}\n", 4, 'on: "LF.1": expected all, LF'),
         (HEAD + "sensors:\n  - {sensor: encoder, on: LF, error: jump, rad: 0.1}\n", 4, "the time of it: from_s"),
         (

@@ -180,7 +180,10 @@ class _Reader(Records):
         keys = check.members(node, ["sensor", "on", "error"], [*sorted(units), "factor", "share", "from_s", "for_s"])
         if not {"sensor", "on", "error"} <= keys.keys():
             return []
+        before = len(check.problems)
         sensor, error = check.choice(keys["sensor"], list(SENSORS)), check.choice(keys["error"], ERRORS)
+        if len(check.problems) > before:
+            return []  # what goes with another sensor or error says nothing of this one
         places = JOINT_NAMES if sensor == "encoder" else LIMB_NAMES
         on = check.choice(keys["on"], [ALL, *LIMB_NAMES, *(JOINT_NAMES if sensor == "encoder" else ())])
         needed = [SHARES[error][0]] if error in SHARES else list(SENSORS[sensor]) if error in BY_CHANNEL else []
