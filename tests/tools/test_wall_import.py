@@ -305,6 +305,7 @@ def test_a_boards_table_is_holds(tmp_path: Path, capsys: pytest.CaptureFixture[s
         ("wall.step", [], ".step: expected one of .stl"),
         ("bad.ply", [], "cannot be read as a mesh"),
         ("cloud.ply", [], "has 3 points and no triangles"),
+        ("triangle.ply", [], "3 vertices: expected a wall and what stands on it"),
         ("sparse.xyz", [], "its points are 0.044 m apart, expected at most 0.008 m"),
         ("heap.xyz", [], "has 2 points and no triangles"),
         ("short.pcd", [], "cannot be read as a PCD file: buffer is smaller"),
@@ -323,6 +324,7 @@ def test_what_cannot_be_read_says_what_would_be_right(
     (tmp_path / "wall.step").write_bytes(b"ISO-10303-21;")
     (tmp_path / "bad.ply").write_bytes(b"ply\nformat ascii 9\n")
     trimesh.PointCloud(np.eye(3)).export(tmp_path / "cloud.ply")
+    trimesh.Trimesh(np.eye(3), [[0, 1, 2]]).export(tmp_path / "triangle.ply")
     trimesh.PointCloud(plane(21, 0.05)).export(tmp_path / "sparse.xyz")
     trimesh.PointCloud(np.repeat([[0, 0, 0], [0.3, 0, 0]], 60, axis=0)).export(tmp_path / "heap.xyz")
     pcd(tmp_path / "short.pcd", np.zeros((9, 3)), "binary", lost=4)

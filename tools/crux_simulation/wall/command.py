@@ -28,7 +28,8 @@ def add_import(actions: Any) -> None:
         help="make a scenario of a scanned wall",
         **taught(
             "Makes a scenario of a mesh (STL, OBJ, PLY, glTF, OFF), a cloud of points at most 8 mm apart (PLY, PCD, "
-            "XYZ, npz with xyz_m), or a height map (npy, npz, PNG, TIFF, GeoTIFF; rows are y, columns x). The plane "
+            "XYZ, npz with xyz_m), or a height map (npy, npz, PNG, TIFF, GeoTIFF; rows are y, columns x). A "
+            "mesh is taken as seen from --outward, whatever way its triangles look. The plane "
             "that most of it lies in becomes z = 0. Where it has several, all become surfaces that end where their "
             "points do; that at z = 0 is endless unless others go behind it. Every body that stands on a plane, or "
             "across the edge of two, becomes a hold where the robot's gripper can take it along the normal: two "

@@ -11,6 +11,7 @@ from crux_tools.errors import UsageError
 from numpy.typing import NDArray
 
 from crux_simulation.wall.cloud import surface_of
+from crux_simulation.wall.facing import facing_out
 from crux_simulation.wall.pcd import read_pcd
 from crux_simulation.wall.surface import Array, Surface
 
@@ -18,7 +19,7 @@ MESHES = (".stl", ".obj", ".ply", ".glb", ".gltf", ".off", ".xyz")
 MAPS = (".npy", ".npz", ".png", ".tif", ".tiff")
 POINTS = "xyz_m"  # in an npz, a cloud [m]
 PIXEL_SIZE, NO_DATA = 33550, 42113  # tags of a GeoTIFF
-MAX_TRIANGLES = 4_000_000
+LEAST_VERTICES, MAX_TRIANGLES = 4, 4_000_000
 SIZE_M = (0.2, 40.0)  # of a wall; outside of it a scale is wrong
 
 
@@ -47,7 +48,14 @@ def read_surface(path: Path, scale: float, pitch_m: float | None, outward: Array
         hint = "looks like millimetres: --scale 0.001?" if 200.0 <= size <= 40000.0 else "give --scale"
         raise UsageError(f"{path}: is {size:.3g} m across, expected {SIZE_M[0]:g} to {SIZE_M[1]:g} m; {hint}")
     if not len(surface.faces):
-        surface = surface_of(surface.vertices, outward, path)
+        return _few_enough(surface_of(surface.vertices, outward, path), path)
+    _few_enough(surface, path)
+    return surface if suffix in MAPS else facing_out(surface, outward, path)
+
+
+def _few_enough(surface: Surface, path: Path) -> Surface:
+    if len(surface.vertices) < LEAST_VERTICES:
+        raise UsageError(f"{path}: {len(surface.vertices)} vertices: expected a wall and what stands on it")
     if not 0 < len(surface.faces) <= MAX_TRIANGLES:
         raise UsageError(
             f"{path}: {len(surface.faces):,} triangles: expected 1 to {MAX_TRIANGLES:,}; simplify it first"
