@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from climbs import climbs_and_replays
+from crux_contracts.gripper_frames import gripper_rotation
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_msgs import plan_t
@@ -26,6 +27,7 @@ from crux_tools.cli import main
 from crux_tools.guide.stance import places_of
 from crux_tools.robot3d.robot_model import build_model
 from crux_tools.telemetry.margins import planned_grip
+from crux_tools.view.grip_marks import marks_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -223,6 +225,20 @@ def test_routes_need_whole_pads(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_a_pad_of_which_less_than_half_bears_is_refused() -> None:
     with pytest.raises(ScenarioError, match=r"grips\[0\].share\[0\]: 0.4: expected a number in 0.5..1"):
         parse_scenario(wide({GOAL: {"faces": "x", "share": [0.4, 1.0]}}))
+
+
+def test_grips_are_drawn_where_pads_touch() -> None:
+    """By the plan's own grippers, half of what is between their pads to either side."""
+    plan, held = planned().plan, set[tuple[float, ...]]()
+    for limb in (limb for knot in plan.knots for limb in knot.limbs if limb.hold >= 0):
+        turn = gripper_rotation(limb.gripper_yaw_w_rad, np.array(limb.gripper_tilt_w_rad))
+        for side in (0.5, -0.5):
+            place = np.array(limb.gripper_position_w_m) + side * limb.finger_separation_m * turn[:, 0]
+            if plan.holds[limb.hold].name in GRIPS:
+                held.add(tuple(round(float(each), 5) + 0.0 for each in place))
+    marks = marks_of(plan, ROBOT)
+    assert {tuple(round(each, 5) + 0.0 for each in mark["position"]) for mark in marks} == held
+    assert len(marks) == len(held) == 4
 
 
 ENDS_M = (-0.03, 0.03)

@@ -7,10 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import crux_planner
+import numpy as np
 import pytest
+from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_simulation.wall.edit.server import Editor
 from crux_simulation.wall.edit.wall_file import WallFile
+from crux_tools.paths import ROOT
 from crux_tools.view.browser import Page, open_page
 
 HOLDS = [(0.14, 0.36), (0.14, -0.36), (-0.14, 0.36), (-0.14, -0.36)]
@@ -194,3 +197,21 @@ def test_a_wall_without_a_way_says_why_at_the_hold(hands: Hands) -> None:
     assert "friction 0" in page.value("crux.byId('plan').textContent")
     assert page.value("crux.found.plan.holds") == ["h1"]
     page.wait_until("document.querySelector('.labels .why')?.textContent.includes('friction 0')")
+
+
+def test_pads_of_grips_are_marked_on_both_faces(tmp_path: Path) -> None:
+    """On the example's hold of 90 mm, the faces of which lean by 30 degrees: the pads are 30 mm over its foot."""
+    wall = tmp_path / "wall.yaml"
+    wall.write_bytes((ROOT / "examples" / "leaning-holds.yaml").read_bytes())
+    editor = Editor(WallFile(wall, "scaler", 90.0), "127.0.0.1", 0)
+    marks = "[...crux.scene.made.values()].flatMap((group) => group.children.filter((each) => each.userData.mark))"
+    try:
+        with open_page(editor.url, (760, 480)) as page:
+            page.wait_until(f"window.crux?.ready && {marks}.length")
+            found = page.value(f"{marks}.map((mark) => mark.position.toArray())")
+            assert page.errors == []
+    finally:
+        editor.close()
+    radius_m, lean = load_robot("scaler").gripper.pad_radius_m, np.radians(30.0)
+    half_m = 0.045 - 0.03 * np.tan(lean) + radius_m * (1.0 / np.cos(lean) - 1.0)
+    assert np.array(found) == pytest.approx(np.array([[half_m, 0.005, 0.03], [-half_m, 0.005, 0.03]]), abs=1e-6)

@@ -26,6 +26,7 @@ from crux_tools.telemetry.description import robot_of
 from crux_tools.telemetry.rotations import hold_middle, hold_top_m, rotations_from_quaternions, tilts_of
 from crux_tools.view.bodies import Bodies, numbers, rgb_of
 from crux_tools.view.caption import caption
+from crux_tools.view.grip_marks import marks_of
 from crux_tools.view.meshes import drawn_mesh, meshes_of
 from crux_tools.view.reach import reach_on_wall
 from crux_tools.view.recording import Recording
@@ -59,6 +60,7 @@ class Scene:
             self._robot = build_model(described, plan)
             self._whole = load_model(described)
             meshes = {link: [drawn_mesh(mesh) for mesh in found] for link, found in meshes_of(described).items()}
+            marks = marks_of(plan, described)
         self._data, self._ghost_data = (mujoco.MjData(self._robot.model) for _ in range(2))
         mujoco.mj_kinematics(self._robot.model, self._data)
         self._bodies = Bodies(self._robot, self._data)
@@ -66,7 +68,7 @@ class Scene:
         frames = [self._robot.body, *self._robot.gripper_bodies]
         self.description: dict[str, Any] = {
             "up": numbers(up / np.linalg.norm(up)),
-            "shapes": self._bodies.shapes(meshes),
+            "shapes": self._bodies.shapes(meshes) + marks,
             "arrows": {name: rgb for name, (_, _, rgb) in ARROWS.items()},
             "cameras": CAMERAS,
             "grippers": LIMB_NAMES,

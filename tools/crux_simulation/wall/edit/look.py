@@ -55,13 +55,17 @@ def reach(scenario: Scenario) -> Told:
     """By hold what limbs grip it, how well and why not, and the stances that the map has."""
     from crux_contracts.robot import robot_of
     from crux_planner.method_report import wall_offers
+    from crux_tools.view.grip_marks import touched
 
-    report = wall_offers(scenario, robot_of(scenario.robot))
+    robot = robot_of(scenario.robot)
+    report = wall_offers(scenario, robot)
     holds: dict[str, list[Told]] = {hold.name: [] for hold in scenario.holds}
     for pair in report.pairs:
         limbs = {limb: place.share for limb, place in pair.limbs.items()}
         told = {"faces": pair.faces, "off_centre": pair.off_centre, "limbs": limbs}
-        holds[pair.hold].append({**told, "without": pair.without, "reason": pair.reason})
+        hold = scenario.holds[scenario.hold_index(pair.hold)]
+        marks = touched(hold, pair.faces, robot, scenario.contact.patch_radius_m)
+        holds[pair.hold].append({**told, "without": pair.without, "reason": pair.reason, "marks": marks})
     stances = [
         {
             "position_m": [round(each, 4) for each in stance.body_m],

@@ -8,7 +8,7 @@ import * as robot from "./ends.js";
 import { listenFields } from "./fields.js";
 import { found, listenFound, playOrPause } from "./found.js";
 import { listenPointer } from "./pointer.js";
-import { LIMBS, WallScene, colourOf } from "./scene.js";
+import { LIMBS, MARK, WallScene, colourOf } from "./scene.js";
 import * as sketch from "./sketch.js";
 import { ask, belong, send } from "./talk.js";
 
@@ -149,7 +149,8 @@ function showLegend() {
   const css = (shares) => `rgb(${colourOf(shares, false).map(Math.round).join(" ")})`;
   byId("legend").replaceChildren(
     spot(css([0, 0, 0, 0]), "no limb can grip it", "square"), spot(css([1, 0, 0, 0]), "one limb", "square"), spot(css([1, 1, 1, 1]), "all limbs", "square"),
-    element("span", "", "larger dots: from more places of the body"), ...LIMBS.map((limb, k) => spot(COLOURS[k], limb)));
+    element("span", "", "larger dots: from more places of the body"), ...LIMBS.map((limb, k) => spot(COLOURS[k], limb)),
+    spot(`#${MARK.toString(16)}`, "pads of its grips"));
 }
 
 async function main() {

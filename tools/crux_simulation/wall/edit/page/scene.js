@@ -8,9 +8,10 @@ import { rgb, wall as slab } from "../shapes.js";
 import { Stage } from "../stage.js";
 import { wall } from "./sketch.js";
 
-const AROUND_M = 1.0, LEAST_M = 1.5, GOAL_OPACITY = 0.45, DOT_M = 0.012, USUAL_SHARE = 0.1, LEAST = 0.4, MOST = 1.4, RIM = 1.25, KNOB_M = 0.013, KNOB_OFF_M = 0.05;
+const AROUND_M = 1.0, LEAST_M = 1.5, GOAL_OPACITY = 0.45, DOT_M = 0.012, USUAL_SHARE = 0.1, LEAST = 0.4, MOST = 1.4, RIM = 1.25, KNOB_M = 0.013, KNOB_OFF_M = 0.05, MARK_M = 0.006;
 const NONE = [212, 36, 36], ONE = [237, 186, 38], ALL = [46, 161, 89], UNKNOWN = [150, 148, 142], OBSTACLE = [92, 92, 100];
 const CHOSEN = 0x1f6fd0, KNOB = 0xe0218a, WAY = 0x9a4fd0, PLACE = 0x1f9f9f;
+export const MARK = 0x5b2a86;
 const QUARTERS = [[1, 1], [1, -1], [-1, 1], [-1, -1]]; // of a body's top, of LF, RF, LR, RR
 export const LIMBS = ["LF", "RF", "LR", "RR"];
 
@@ -18,6 +19,11 @@ export const LIMBS = ["LF", "RF", "LR", "RR"];
 export function sharesOf(reach, body) {
   const pairs = body.obstacle ? null : reach?.holds[body.name];
   return pairs ? LIMBS.map((limb) => Math.max(0, ...pairs.map((pair) => pair.limbs[limb] ?? 0))) : null;
+}
+
+// Where the pads of its grips touch, along its own axes.
+function marksOf(reach, body) {
+  return body.obstacle ? [] : (reach?.holds[body.name] ?? []).flatMap((pair) => pair.marks);
 }
 
 export function colourOf(shares, obstacle) {
@@ -71,7 +77,7 @@ export class WallScene extends Stage {
     this.#wall();
     const there = new Set(wall.sketch.bodies.map((body) => body.id));
     for (const [id, group] of this.made) if (!there.has(id)) { this.#drop(group); this.made.delete(id); }
-    for (const body of wall.sketch.bodies) this.#body(body, sharesOf(reach, body), blamed);
+    for (const body of wall.sketch.bodies) this.#body(body, sharesOf(reach, body), marksOf(reach, body), blamed);
     this.#knobs();
     this.soon();
   }
@@ -94,8 +100,8 @@ export class WallScene extends Stage {
     this.scene.remove(group);
   }
 
-  #body(body, shares, blamed) {
-    const chosen = body.id === wall.chosen, key = JSON.stringify([body, shares, chosen, blamed[body.name] ?? ""]);
+  #body(body, shares, marks, blamed) {
+    const chosen = body.id === wall.chosen, key = JSON.stringify([body, shares, marks, chosen, blamed[body.name] ?? ""]);
     const old = this.made.get(body.id);
     if (old?.key === key) return;
     if (old) this.#drop(old);
@@ -114,6 +120,12 @@ export class WallScene extends Stage {
       dot.add(rim);
       group.add(dot);
     });
+    for (const place of marks) {
+      const mark = new THREE.Mesh(new THREE.SphereGeometry(MARK_M, 12, 8), new THREE.MeshBasicMaterial({ color: MARK }));
+      mark.position.set(...place);
+      mark.userData.mark = true;
+      group.add(mark);
+    }
     const name = label(body.name, chosen ? "hold chosen" : "hold");
     name.position.set(body.size_m[0] / 2, 0, body.size_m[2]);
     group.add(name);
