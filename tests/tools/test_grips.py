@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -111,6 +112,21 @@ def test_a_hold_offers_its_grips_alone(lean_deg: float, off_centre: bool) -> Non
         assert found[0].centre_W_m == pytest.approx(mine[0].centre_h_m, abs=1e-9)
     assert unusable[index, 1] == "none of its grips is on these faces"
     assert wall_lacks(scenario, ROBOT)[scenario.hold_index(START), "x"] == "none of its grips is on these faces"
+
+
+def test_what_neighbours_leave_is_less_than_fingers_need_on_leaning_faces() -> None:
+    """A block that comes nearer by 0.5 mm at a time, until fingers cannot open."""
+    left = []
+    for off_m in np.arange(0.1, 0.0625, -0.0005):
+        wall = wide({}, 30.0)
+        x, y, _ = next(hold["pose"]["position_m"] for hold in wall["holds"] if hold["name"] == GOAL)
+        block = {"position_m": [x + float(off_m), y, 0.0], "rpy_deg": [0, 0, 5]}
+        wall["obstacles"] = [{"name": "block", "pose": block, "shape": {"box_m": [0.03, 0.1, 0.06]}}]
+        scenario = parse_scenario(wall)
+        if why := wall_contacts(scenario, ROBOT, False)[1].get((scenario.hold_index(GOAL), 0)):
+            left.append(re.fullmatch(r"its neighbours leave (\d+) mm beside the fingers, they need 18 mm to open", why))
+    assert len(left) > 5
+    assert max(int(each[1]) if each else 18 for each in left) == 17
 
 
 def test_a_tall_hold_is_recognised_where_plans_grip_it() -> None:

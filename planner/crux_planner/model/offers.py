@@ -108,7 +108,7 @@ class Offers:
                 one = _contact(scenario, hold, index, pair, swapped, yaw, centre, opening)
                 one = replace(one, separation_m=2 * half, pad_radius_m=shape.pad_radius, grip=number)
                 contacts.append(replace(one, tilt_rad=tilt_rad if scenario.tilts else None))
-        opens = partial(opening_for, middle, turn, index, half, self.cuboids, shape)
+        opens = partial(opening_for, middle, turn, index, half, self.cuboids, shape, lean_rad=faces.lean_rad)
         return contacts or narrow_text(opens, nearest, min(limits.clearance_m, TIGHT_CLEARANCE_M))
 
 
