@@ -13,7 +13,10 @@ import yaml
 from climbs import climbs_and_replays
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import Grip, Hold, load_scenario
+from crux_simulation.wall.box import Box
 from crux_simulation.wall.edit.content import scenario_of
+from crux_simulation.wall.holds import hold_of
+from crux_simulation.wall.places import Places
 from crux_tools.cli import main
 from crux_tools.telemetry.surfaces import pad_shares_of
 from test_wall_import import box, standing
@@ -136,6 +139,26 @@ def test_pads_are_on_faces_that_the_cuboid_has(holds: dict[str, Hold]) -> None:
             assert grip.height_m is not None
             assert abs(grip.aside_m) + RADIUS_M <= hold.size_m[1 if grip.faces == "x" else 0] / 2
             assert grip.height_m + RADIUS_M <= hold.size_m[2]
+
+
+def test_a_place_at_which_pads_would_be_too_high_is_not_taken() -> None:
+    """The better of two, on faces that lean by 30 degrees: its pads' middles are 55 mm over the wall."""
+    lean, flat = np.radians(30.0), np.zeros((2, 2))
+    places = Places(
+        middle=np.array([[0.0, 0.0, 0.049], [0.0, 0.0, 0.03]]),
+        yaw_rad=np.array([0.0, np.pi / 2]),
+        width_m=np.array([0.05, 0.06]),
+        tilt_rad=flat,
+        lean_rad=np.array([[lean, lean], [0.0, 0.0]]),
+        aside_rad=flat,
+        coverage=np.array([[1.0, 1.0], [0.8, 0.9]]),
+        body=np.zeros(2, dtype=np.int64),
+    )
+    points = trimesh.sample.sample_surface(box(0.06, 0.06, 0.07), 500, seed=1)[0] + [0.0, 0.0, 0.03]
+    hold = hold_of("hold", points, places, ROBOT)
+    assert isinstance(hold, Box)
+    assert hold.yaw_rad == np.pi / 2
+    assert hold.grips == (Grip("x", 0.0, 0.03, (0.8, 0.9)),)
 
 
 def test_a_wall_of_partial_grips_is_planned_and_climbed(tmp_path: Path) -> None:

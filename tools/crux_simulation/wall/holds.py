@@ -133,12 +133,12 @@ def _first(points: Array, places: Places, wanted_m: float, robot: Robot) -> tupl
     height of those as good, and the ends of the faces off it. None where the pads would be too high for the gripper.
     """
     radius, allowed = robot.gripper.pad_radius_m, robot.grasp.pad_height_m
-    best = int(places.merit.argmax())
-    over = radius * float(np.sin(max(_leans(places, best))))
-    pads = places.middle[:, 2] + over
-    same = _in_line(places, best) & (pads >= allowed[0]) & (pads <= allowed[1])
-    if not same.any():
+    pads = _pads_m(places, radius)
+    can = (pads >= allowed[0]) & (pads <= allowed[1])
+    if not can.any():
         return None, (0.0, 0.0)
+    best = int(np.where(can, places.merit, -1.0).argmax())
+    same = _in_line(places, best) & can
     for _ in range(2):  # from the best place, then from the one taken
         yaw, which = float(places.yaw_rad[best]), np.flatnonzero(same)
         y = along_axes(yaw, places.middle[:, :2] - places.middle[best, :2])[1]
@@ -157,16 +157,15 @@ def _second(places: Places, best: int, ends: tuple[float, float], wanted_m: floa
     radius, allowed = robot.gripper.pad_radius_m, robot.grasp.pad_height_m
     yaw = float(places.yaw_rad[best])
     x, y = along_axes(yaw, places.middle[:, :2] - places.middle[best, :2])
-    z = places.middle[:, 2]
+    pads = _pads_m(places, radius)
     crossed = _turned(places, best) > np.pi / 2.0 - SAME_YAW_RAD
-    crossed &= (np.abs(y - sum(ends) / 2.0) < radius) & (z >= allowed[0]) & (z <= allowed[1])
+    crossed &= (np.abs(y - sum(ends) / 2.0) < radius) & (pads >= allowed[0]) & (pads <= allowed[1])
     if not crossed.any():
         return None
-    line = Line(places, np.flatnonzero(crossed), x, z)
+    line = Line(places, np.flatnonzero(crossed), x, pads)
     chosen = line.best(0.0, wanted_m)
     flipped = bool(np.cos(places.yaw_rad[chosen] - yaw - np.pi / 2.0) < 0.0)
-    pair = _Pair.of(line, chosen, flipped, radius)
-    return _Pair.of(replace(line, pads_m=z + pair.over_m), chosen, flipped, radius)
+    return _Pair.of(line, chosen, flipped, radius)
 
 
 def _in_line(places: Places, best: int) -> Flags:
@@ -191,6 +190,12 @@ def _leaned(box: Box, touched_m: tuple[float, float]) -> Box:
     highest = (foot - LEAST_TOP_M) / np.maximum(slope.sum(axis=1), 1e-9)
     size = np.array([*foot, min(box.size_m[2], *highest)])
     return replace(box, position_m=box.position_m + (out[:, 0] - out[:, 1]) / 2.0 @ box.axes, size_m=size)
+
+
+def _pads_m(places: Places, radius_m: float) -> Array:
+    """(m,) how high pads' middles are at places: balls that touch leaning faces under them."""
+    lean = places.lean_rad.max(axis=1)
+    return np.asarray(places.middle[:, 2] + radius_m * np.sin(np.where(lean > LEANS_RAD, lean, 0.0)))
 
 
 def _leans(places: Places, which: int) -> tuple[float, float]:
