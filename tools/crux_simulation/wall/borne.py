@@ -11,7 +11,7 @@ from crux_simulation.wall.places import PAIR_M, Indices, Places
 from crux_simulation.wall.surface import Array
 
 SAME_MERIT = 0.03  # merits that differ less are equal: by two of the rays that look at a pad
-SHARE_DIGITS = 2
+SHARE_DIGITS, ROUNDING = 2, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +54,16 @@ class Line:
         off = np.hypot(self.along_m[good] - along_m, self.pads_m[good] - pads_m)
         return int(good[off.argmin()])
 
+    def ends(self, best: int, apart_m: float) -> list[int]:
+        """Of the places as good as one, where as much of both pads bears, the farthest to both sides of it that are so
+        far from it.
+        """
+        merit, coverage = self.places.merit[self.which], self.places.coverage[self.which]
+        as_much = (coverage >= self.places.coverage[best] - ROUNDING).all(axis=1)
+        good = self.which[as_much & (merit >= self.places.merit[best] - SAME_MERIT)]
+        off = self.along_m[good] - self.along_m[best]
+        return [int(good[end]) for end in (off.argmin(), off.argmax()) if abs(off[end]) >= apart_m]
+
     def bears_at(self, along_m: Iterable[float], pads_m: float) -> bool:
         """Whether there are places beside all of these spots with pads that bear wholly."""
         whole = self.which[self.share >= 1.0]
@@ -63,5 +73,5 @@ class Line:
 
 def shares(places: Places, which: int, flipped: bool) -> tuple[float, float]:
     """What of the pads bears, rounded down, that at the end of a place's axis first, or last."""
-    plus, minus = np.floor(places.coverage[which] * 10**SHARE_DIGITS + 1e-9) / 10**SHARE_DIGITS
+    plus, minus = np.floor(places.coverage[which] * 10**SHARE_DIGITS + ROUNDING) / 10**SHARE_DIGITS
     return (float(minus), float(plus)) if flipped else (float(plus), float(minus))

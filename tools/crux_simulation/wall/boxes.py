@@ -103,10 +103,9 @@ def _lanes(hold: Box, robot: Robot) -> list[Box]:
     found = []
     for axis, can in enumerate(hold.faces):
         length = min(hold.size_m[axis] + thick, 2.0 * robot.gripper.opening_m[1]) + 2.0 * thick
-        if can:
+        for grip in hold.as_hold.places("xy"[axis]) if can else ():
             size = np.array([length, thick, hold.size_m[2]])
             yaw = hold.yaw_rad + axis * np.pi / 2.0
-            grip = next(iter(hold.as_hold.places("xy"[axis])), None)
             aside = (0.0 if grip is None else grip.aside_m) * hold.axes[1 - axis]
             found.append(Box(hold.name, hold.position_m + aside, size, yaw, (False, False), (0.0, 0.0), ""))
     return found

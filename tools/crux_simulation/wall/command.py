@@ -113,9 +113,9 @@ def _import(options: argparse.Namespace) -> int:
     for box in found.holds:
         if max(box.tilt_rad) > math.radians(5.0):
             note(f"  {box.name}: faces lean by up to {math.degrees(max(box.tilt_rad)):.0f}°")
-        for grip in box.as_hold.grips:
-            if min(grip.share) < 1.0:
-                note(f"  {box.name}: {min(grip.share):g} of a pad bears on faces {grip.faces}")
+        for faces, share in {grip.faces: min(grip.share) for grip in box.as_hold.grips}.items():
+            if share < 1.0:
+                note(f"  {box.name}: {share:g} of a pad bears on faces {faces}")
     without = found.stances if isinstance(found.stances, str) else None
     note(f"start and goal are left out: {without}" if without else f"next: crux plan {options.output} -o plan.mcap")
     if options.json:

@@ -54,12 +54,18 @@ class _Pair:
         slack = max(width_m / 2.0 - radius_m, 0.0)
         return self.line.bears_at((middle_m - slack, middle_m, middle_m + slack), pads_m)
 
-    def grip(self, faces: str, box: Box) -> Grip:
-        """On the cuboid."""
-        off = self.line.places.middle[self.best, :2] - box.position_m
-        aside = float(along_axes(box.yaw_rad, off)[1 - "xy".index(faces)])
+    def grips(self, faces: str, box: Box, robot: Robot) -> tuple[Grip, ...]:
+        """On the cuboid: at the best place, and at the ends where as much bears; those whose pads are on its faces."""
+        which = [self.best, *self.line.ends(self.best, robot.gripper.pad_radius_m)]
         share = shares(self.line.places, self.best, self.flipped)
-        return Grip(faces, round(aside, DIGITS) + 0.0, round(self.pads_m, DIGITS), share)
+        aside = along_axes(box.yaw_rad, self.line.places.middle[which, :2] - box.position_m)[1 - "xy".index(faces)]
+        found = []
+        for off, pads in zip(aside.tolist(), self.line.pads_m[which].tolist(), strict=True):
+            grip = Grip(faces, round(off, DIGITS) + 0.0, round(pads, DIGITS), share)
+            at = Faces.of(box.as_hold, "xy".index(faces), robot, robot.gripper.pad_radius_m, grip)
+            if at is not None and at.beyond_m <= FITS_M:
+                found.append(grip)
+        return tuple(found)
 
 
 def hold_of(name: str, points: Array, places: Places, robot: Robot) -> Box | str:
@@ -109,13 +115,9 @@ def _box(name: str, first: _Pair, second: _Pair | None, ends: tuple[float, float
 
 def _gripped(box: Box, pairs: dict[str, _Pair], robot: Robot) -> Box | str:
     """With the grips of those pairs whose pads are on their faces."""
-    whole = replace(box, grips=tuple(pair.grip(faces, box) for faces, pair in pairs.items()))
-    can = [False, False]
-    for grip in whole.grips:
-        pair = "xy".index(grip.faces)
-        faces = Faces.of(whole.as_hold, pair, robot, robot.gripper.pad_radius_m, grip)
-        can[pair] = faces is not None and faces.beyond_m <= FITS_M
-    return replace(whole, faces=(can[0], can[1])) if any(can) else BEYOND
+    grips = tuple(grip for faces, pair in pairs.items() for grip in pair.grips(faces, box, robot))
+    can = {grip.faces for grip in grips}
+    return replace(box, grips=grips, faces=("x" in can, "y" in can)) if can else BEYOND
 
 
 def _planned(first: _Pair, top_m: float, wanted_m: float, robot: Robot) -> tuple[float | None, float]:

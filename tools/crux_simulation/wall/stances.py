@@ -113,7 +113,7 @@ def _grips(holds: list[Box], robot: Robot) -> list[Grip]:
 def _place(hold: Box, pair: int, robot: Robot) -> Array | None:
     """Where a gripper's middle is on a pair of faces in W, as the planner has it."""
     as_hold = hold.as_hold
-    (grip,) = as_hold.places("xy"[pair]) or (None,)
+    grip = next(iter(as_hold.places("xy"[pair])), None)
     faces = Faces.of(as_hold, pair, robot, robot.gripper.pad_radius_m, grip)
     if faces is None:
         return None
