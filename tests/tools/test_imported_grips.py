@@ -172,6 +172,7 @@ def test_a_place_at_which_pads_would_be_too_high_is_not_taken() -> None:
     assert hold.grips == (Grip("x", 0.0, 0.03, (0.8, 0.9)),)
 
 
+@pytest.mark.sweep
 def test_a_wall_of_partial_grips_is_planned_and_climbed(tmp_path: Path) -> None:
     """The holds of the shipped wall of one step, of which the goal's is slim and a start's low."""
     places = [(0.14, 0.36), (0.14, -0.36), (-0.14, 0.36), (-0.14, -0.36), (0.29, 0.36)]
