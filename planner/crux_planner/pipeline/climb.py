@@ -71,6 +71,8 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None, in_part
     except InfeasibleError as none:
         work.bound = None
         worker.stop()  # what it bounds is of no use any more
+        if (last := _by_all_reach(climb, none)) is not None:
+            return last
         late = work.cut_short or searching.session.late
         reason = _cause(climb, none) if session.method == "auto" else none
         raise reason.out_of_time() if late and not isinstance(reason, HorizonError) else reason from None
@@ -127,6 +129,16 @@ def _level_or_none(climb: Climb) -> PlanResult | InfeasibleError:
         return _plan_level(climb, climb.session.share_of_time(LEVEL_SHARE))
     except InfeasibleError as none:
         return none
+
+
+def _by_all_reach(climb: Climb, none: InfeasibleError) -> PlanResult | None:
+    """A plan of a level body by all of the limbs' inner reach, where their boxes alone have a hold out of it."""
+    if climb.session.method != "auto" or none.proven or none.constraint != "reach":
+        return None
+    try:
+        return _plan_level(farther(climb), climb.session.deadline)
+    except InfeasibleError:
+        return None
 
 
 def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
