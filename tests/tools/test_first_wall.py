@@ -95,15 +95,22 @@ def test_a_wall_that_is_not_planned_is_none(
         assert limits == {"time_limit_s": first_wall.FIT_S}
         tried.append(document["wall"]["slope_deg"])
         if len(tried) < failures + 1:
-            raise crux_planner.InfeasibleError("torque", "too steep")
+            raise crux_planner.InfeasibleError("torque", "too steep", undecided=tried == [ended])
 
     monkeypatch.setattr(first_wall, "plan", steep)
+    ended = 0
     for failures, slopes, verdict in ((1, [90, 75], "good"), (5, [90, 75, 60], "bad")):
         tried.clear()
         wall = tmp_path / f"{failures}.yaml"
         found = fitted("scaler", wall, capsys)
         assert (tried, found["verdict"], wall.exists()) == (slopes, verdict, verdict == "good")
     assert "no plan for those that fit, as on 60 degrees: too steep" in found["found"]
+    assert found["remedy"] == "other limits or stronger motors"
+    tried.clear()
+    ended, wall = 90, tmp_path / "ended.yaml"
+    found = fitted("scaler", wall, capsys)
+    assert found["remedy"] == f"{wall} is one that time ended: crux plan {wall} -o plan.mcap --time-limit 300 goes on"
+    assert load_scenario(wall).wall.slope_deg == ended
 
 
 def test_a_limb_near_a_singular_posture_is_told_of_and_nothing_is_planned(

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 SLOPES_DEG = (90, 75, 60, 45, 30, 15, 0)
 MOST_SHARE = 0.75  # of the peak torques on three limbs: the planner keeps a quarter
 TRIES = 3  # slopes that are planned,
-FIT_S = 30  # each for so long [s of CPU]
+FIT_S, LONGER_S = 30, 300  # each for so long [s of CPU], and how long one may try where that ended it
+OTHERS = "other limits or stronger motors"
 MOST_RAD_M = 40  # that joints may turn for a metre of a gripper: random robots climb at up to 37
 ASIDE = (-0.5, 0.0, 0.5)  # steps by which the body may be below or above its holds' middle for a lift
 
@@ -47,7 +48,7 @@ def fitted(robot: Robot, model: WholeRobot, friction: float, path: Path) -> Find
     walls = quiet
     stances = [[_standing(wall, model, aside * wall.stride_m) for aside in ASIDE] for wall in walls]
     force_N, tries = robot.gripper.max_finger_force_N, 0
-    found, remedy = "none fits: the motors bear no slope", ""
+    found, remedy, unsure = "none fits: the motors bear no slope", "", None
     for slope in SLOPES_DEG:
         loads = [_hardest(each, slope, friction, force_N, MOST_SHARE) for each in stances]
         borne = [(-wall.stride_m, load.share, i) for i, (wall, load) in enumerate(zip(walls, loads, strict=True))]
@@ -59,14 +60,15 @@ def fitted(robot: Robot, model: WholeRobot, friction: float, path: Path) -> Find
         try:
             plan(document, robot, time_limit_s=FIT_S)
         except InfeasibleError as none:
-            found, remedy = (
-                f"no plan for those that fit, as on {slope} degrees: {none}",
-                "other limits or stronger motors",
-            )
+            found, remedy = f"no plan for those that fit, as on {slope} degrees: {none}", OTHERS
+            unsure = document if none.undecided else unsure
             continue
         _write(path, document, robot)
         what = f"{path}: {slope} degrees, a step of {walls[chosen].stride_m:g} m, {share:.2f} of the peak torques"
         return _said(f"{what}; {_turning(walls[chosen])}", robot, path)
+    if unsure is not None:
+        _write(path, unsure, robot)
+        remedy = f"{path} is one that time ended: crux plan {path} -o plan.mcap --time-limit {LONGER_S} goes on"
     return Finding("first wall", BAD, found, remedy or _too_weak(stances, friction, force_N))
 
 
