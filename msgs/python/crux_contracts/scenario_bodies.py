@@ -203,6 +203,10 @@ def _can_be(node: Node, body: Box, endless: bool, check: Checker) -> None:
         if len({(grip.share, grip.friction) for grip in grips if grip.faces == faces}) > 1:
             why = f"those of {body.name} on faces {faces} differ in share or friction; expected the same"
             check.note_at(node, "grips", "", why)
+        leaning = any(body.shape.lean_deg.get(f"{sign}{faces}", 0.0) for sign in "+-")
+        if leaning and any(grip.tilt_deg for grip in grips if grip.faces == faces):
+            why = f"{body.name} has a tilt_deg on faces {faces}, which lean; expected faces that do not"
+            check.note_at(node, "grips", "", why)
     for axis, width in (("x", x), ("y", y)):
         leans = [body.shape.lean_deg.get(f"{sign}{axis}", 0.0) for sign in "+-"]
         left = width - height * sum(math.tan(math.radians(each)) for each in leans)

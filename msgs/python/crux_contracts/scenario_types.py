@@ -29,6 +29,7 @@ MAX_SURFACES = 50
 MAX_LEAN_DEG = 50.0
 LEAST_SHARE = 0.5
 MOST_GRIPS = 16  # of a hold
+MAX_GRIP_TILT_DEG = 45.0
 MAX_GRAVITY_M_S2 = 30.0
 MAX_STEPS = 1000
 SIZE_M = (0.005, 2.0)
@@ -126,6 +127,17 @@ class Grip:
     friction: tuple[float, float] | None = key(
         None, 0.0, MAX_FRICTION, "", "one, or under the pads on the plus face and the minus (the hold's)", reader="pads"
     )
+    tilt_deg: float = key(
+        0.0,
+        -MAX_GRIP_TILT_DEG,
+        MAX_GRIP_TILT_DEG,
+        "degrees",
+        "of the gripper off the hold's z, about +x or +y of it",
+    )
+
+    @property
+    def tilt_rad(self) -> float:
+        return math.radians(self.tilt_deg)
 
 
 @dataclass(frozen=True)
@@ -160,6 +172,11 @@ class Hold(Cuboid):
     @property
     def leans(self) -> bool:
         return any(self.lean_deg)
+
+    @property
+    def tilted_grips(self) -> bool:
+        """Whether a gripper on one of its grips is not along its z."""
+        return any(grip.tilt_deg for grip in self.grips)
 
 
 @dataclass(frozen=True)
@@ -305,19 +322,20 @@ class Scenario:
 
     @property
     def tilts(self) -> bool:
-        """Whether some hold is turned out of the wall's plane."""
-        return any(any(hold.tilt_deg) for hold in self.holds)
+        """Whether some hold is turned out of the wall's plane, or a grip of one is at an angle."""
+        return any(any(hold.tilt_deg) or hold.tilted_grips for hold in self.holds)
 
     @property
     def not_upright(self) -> str:
         """The first surface that is bounded, hold or obstacle that leans or is turned, or hold on which pads bear in
-        part, in words; empty where all are upright on one endless wall.
+        part or with a grip at an angle, in words; empty where all are upright on one endless wall.
         """
         bounded = (f"the surface {slab.name} is bounded" for slab in self.wall.slabs)
         leaning = (f"{hold.name} has faces that lean" for hold in self.holds if hold.leans)
         turned = (f"{each.name} is turned out of the wall's plane" for each in self.cuboids if each.turned)
         in_part = (f"pads bear in part on {hold.name}" for hold in self.holds if min(hold.pad_share) < 1.0)
-        return next(itertools.chain(leaning, turned, bounded, in_part), "")
+        at_angles = (f"a grip of {hold.name} is at an angle" for hold in self.holds if hold.tilted_grips)
+        return next(itertools.chain(leaning, turned, bounded, in_part, at_angles), "")
 
     def hold_index(self, name: str) -> int:
         """Index of a hold by name; KeyError for an unknown one."""

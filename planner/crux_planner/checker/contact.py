@@ -16,6 +16,8 @@ from crux_planner.checker.limit_surface import pad_shares
 from crux_planner.checker.plan_arrays import FACE_NONE, FACE_WALL, PlanArrays
 from crux_planner.checker.report import Findings
 
+_HAND_M = 0.1  # an angle off a grip counts as much as its place being off by what this turns
+
 
 @dataclass(frozen=True)
 class Swing:
@@ -124,21 +126,34 @@ def _check_faces(
 
 
 def _check_places(plan: PlanArrays, scenario: Scenario, findings: Findings) -> None:
-    """(10a): on holds that have grips, a gripper is at one of those on its faces, at the start at that named there."""
-    for hold, body in enumerate(scenario.holds):
-        for k, limb in np.argwhere(plan.gripped & (plan.hold == hold)) if body.grips else ():
-            on_y = plan.finger1_face[k, limb] >= 2
-            where: dict[str, Any] = {"limb": limb, "time_s": plan.time_s[k]}
-            grips = [grip for grip in body.grips if grip.faces == ("y" if on_y else "x")]
-            if not grips:
-                findings.add("hold", 1.0, "", detail=f"none of the grips of {body.name!r} is on these faces", **where)
-                continue
-            begun = scenario.start.grasps.get(LIMB_NAMES[limb]) if k == 0 else None
-            if begun is not None and begun.grip is not None and begun.grip < len(grips):
-                grips = [grips[begun.grip]]
-            place = _in_holds(plan, plan.gripper_position[[k], limb], np.array([hold]))[0]
-            off = min(_off_grip(place, grip) for grip in grips)
-            findings.add("contact_place", off, "m", detail=f"off the grips of {body.name!r}", **where)
+    """(10a): on holds that have grips, a gripper is at one of those on its faces, at the start at that named there; it
+    is turned about its opening axis as that is, on other holds not at all.
+    """
+    for k, limb in np.argwhere(plan.gripped & (plan.hold < len(scenario.holds))):
+        body, on_y = scenario.holds[plan.hold[k, limb]], plan.finger1_face[k, limb] >= 2
+        where: dict[str, Any] = {"limb": limb, "time_s": plan.time_s[k]}
+        aslant_rad = _aslant_rad(plan.gripper_z_on_hold[k, limb], on_y)
+        if not body.grips:
+            findings.add("finger_axis", abs(aslant_rad), "rad", **where)
+            continue
+        grips = [grip for grip in body.grips if grip.faces == ("y" if on_y else "x")]
+        if not grips:
+            findings.add("hold", 1.0, "", detail=f"none of the grips of {body.name!r} is on these faces", **where)
+            continue
+        begun = scenario.start.grasps.get(LIMB_NAMES[limb]) if k == 0 else None
+        if begun is not None and begun.grip is not None and begun.grip < len(grips):
+            grips = [grips[begun.grip]]
+        place = _in_holds(plan, plan.gripper_position[[k], limb], plan.hold[[k], limb])[0]
+        offs = [(_off_grip(place, grip), abs(aslant_rad - grip.tilt_rad)) for grip in grips]
+        off, turned = min(offs, key=lambda each: each[0] + _HAND_M * each[1])
+        detail = f"off the grips of {body.name!r}"
+        findings.add("contact_place", off, "m", detail=detail, **where)
+        findings.add("finger_axis", turned, "rad", detail=detail, **where)
+
+
+def _aslant_rad(z: Array, on_y: bool) -> float:
+    """Angle of a gripper's z (3,), along its hold's axes, off the hold's, about the plus way of the faces it grips."""
+    return float(np.arctan2(z[0] if on_y else -z[1], z[2]))
 
 
 def _off_grip(place_m: Array, grip: Grip) -> float:
@@ -154,14 +169,10 @@ def _in_holds(plan: PlanArrays, place_w_m: Array, holds: Indices) -> Array:
 
 
 def _off_axis(plan: PlanArrays, gripped: Flags, limb: int) -> Array:
-    """Angles (n,) of the opening axis off the face's normal, its lean left out, and of the gripper's z off the hold's,
-    the larger.
-    """
+    """Angles (n,) of the opening axis off the face's normal, its lean left out."""
     turn = rotation_of_gripper(plan.gripper_yaw[gripped, limb], plan.gripper_tilt[gripped, limb])
     up, lean = plan.off_hold[gripped, limb], plan.lean[gripped, limb, :1]
-    flat = (plan.face_normal[gripped, limb, 0] - np.sin(lean) * up) / np.cos(lean)
-    pairs = (turn[..., 0], flat), (turn[..., 2], up)
-    return np.asarray(np.max([_angle(a, b) for a, b in pairs], axis=0))
+    return _angle(turn[..., 0], (plan.face_normal[gripped, limb, 0] - np.sin(lean) * up) / np.cos(lean))
 
 
 def _angle(a: Array, b: Array) -> Array:

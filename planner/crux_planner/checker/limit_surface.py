@@ -93,7 +93,7 @@ def finger_loads(plan: PlanArrays, wall_friction: float, shares: Array = _WHOLE)
     normal = plan.face_normal
     common = normal[:, :, :1, :]
     on_wall = plan.on_wall[..., None, None]
-    z = plan.off_hold[:, :, None, :]
+    z = plan.up_face[:, :, None, :]
     tangent1 = np.where(on_wall, np.array([1.0, 0.0, 0.0]), np.cross(z, common))
     tangent2 = np.where(on_wall, np.array([0.0, 1.0, 0.0]), z)
     if plan.leaning.any():

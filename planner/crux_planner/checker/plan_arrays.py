@@ -25,6 +25,8 @@ FACE_NONE, FACE_WALL = limb_knot_t.FACE_NONE, limb_knot_t.FACE_WALL
 MIN_STEP_S = 1e-3
 """Between knots with times of their own."""
 
+_ROUNDING = 1e-9  # of unit vectors
+
 _OUTWARD = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
 """Outward normals of a cuboid's faces in its own frame: +x, -x, +y, -y, top (of the wall itself: FACE_WALL)."""
 
@@ -150,6 +152,24 @@ class PlanArrays:
             return np.broadcast_to(_OUTWARD[4], (*self.hold.shape, 3))
         index = np.where(self.gripped, self.hold, 0)
         return np.where(self.gripped[..., None], self.cuboids.rotation[index][..., 2], _OUTWARD[4])
+
+    @cached_property
+    def gripper_z_on_hold(self) -> Array:
+        """z of the gripper along the axes of the hold gripped, (K, 4, 3); along W's where there is none."""
+        z = rotation_of_gripper(self.gripper_yaw, self.gripper_tilt)[..., 2]
+        if not self.cuboids.names:
+            return np.asarray(z)
+        turn = np.where(self.gripped[..., None, None], self.cuboids.rotation[self.gripped_hold], np.eye(3))
+        return np.asarray(np.einsum("klij,kli->klj", turn, z))
+
+    @cached_property
+    def up_face(self) -> Array:
+        """(K, 4, 3): the second way along upright faces in which spines hold; the gripper's z, where that is on its own
+        hold at an angle, else the hold's.
+        """
+        turn = rotation_of_gripper(self.gripper_yaw, self.gripper_tilt)
+        aslant = self.gripped & ~self.leaning & (np.abs(self.gripper_z_on_hold[..., :2]).max(axis=-1) > _ROUNDING)
+        return np.where(aslant[..., None], turn[..., 2], self.off_hold)
 
     @cached_property
     def finger_position(self) -> Array:

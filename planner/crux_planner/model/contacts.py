@@ -211,9 +211,9 @@ def opening_for(
     """Opening with which a gripper may leave this grasp: as near to the preferred one as its neighbours allow.
 
     The middle of each finger keeps `clearance_m` to every other cuboid on its whole way from closed to open; to the
-    hold itself, the steeper face of which may lean, it keeps as much once open. Where cuboids are turned, whole fingers
-    and the palm keep off all others, too. None where the neighbours leave no such opening. `turn` (3, 3) is the
-    gripper's, with the opening axis first.
+    hold itself, the steeper face of which may lean, it keeps as much once open. Where cuboids or the gripper are
+    turned, whole fingers and the palm keep off all others, too. None where the neighbours leave no such opening. `turn`
+    (3, 3) is the gripper's, with the opening axis first.
     """
     axis = turn[:, 0]
     beyond = clearance_m - shape.pad_radius
@@ -225,7 +225,7 @@ def opening_for(
         swings = np.linspace(half_m, openings, 9, axis=-1) + shape.pad_radius  # (openings, ways there)
         points = contact_centre + np.concatenate([swings, -swings], axis=1)[..., None] * axis
         met = cuboids.distance(points)[..., others].min(axis=(1, 2)) < clearance_m
-        if not cuboids.upright:
+        if not cuboids.upright or turn[2, 2] < 1.0:
             hands = contact_centre + np.array([outline(opening, shape) for opening in openings]) @ turn.T
             met |= cuboids.distance(hands)[..., others].min(axis=(1, 2)) < shape.pad_radius + BESIDE_M
         openings = openings[: int(np.argmax(met))] if met.any() else openings

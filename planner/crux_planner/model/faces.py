@@ -69,6 +69,23 @@ class Faces:
         beyond = max(low - height, height - high, aside - ends[0] + patch_radius_m, patch_radius_m - ends[1] - aside)
         return cls(height, half, max(mine), sum(ends), off, aside * (1 - 2 * pair), 0.0 if grip is None else beyond)
 
+    def palm_gap_m(self, hold: Hold, pair: int, grip: Grip, robot: Robot) -> float:
+        """How far the palm of a gripper at a grip at an angle is off the hold, seen along the opening axis, less where
+        corners are nearest; negative inside. The palm is endless along the axis, and off the hold.
+        """
+        c, s = np.cos(grip.tilt_rad), np.sin(grip.tilt_rad)
+        across, up = np.array([c, s]), np.array([-s, c])  # the gripper's, along the faces and off the hold's foot
+        foot = np.array([self.aside_m, self.height_m]) + robot.gripper.finger_height_m * up
+        ends = foot + np.outer([-1.0, 1.0], robot.gripper.pad_radius_m * across)
+        lean = np.array([hold.lean_rad[face] for face in faces_of(1 - pair)])[:: 1 - 2 * pair]
+        half, top = hold.size_m[1 - pair] / 2, hold.size_m[2]
+        at_top = half - top * np.tan(lean)
+        corners = np.array([[half, 0.0], [-half, 0.0], [at_top[0], top], [-at_top[1], top]])
+        ways = np.array([[0.0, 1.0], [np.cos(lean[0]), np.sin(lean[0])], [-np.cos(lean[1]), np.sin(lean[1])]])
+        off_hold = [(ends @ n).min() - (corners @ n).max() for n in ways if n @ up >= 0.0]
+        off_palm = [(corners @ n).min() - (ends @ n).max() for n in (across, -across, -up)]
+        return float(max(off_hold + off_palm))
+
 
 def pad_heights(
     hold_height_m: float,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from crux_contracts.gripper_frames import gripper_rotation
+from crux_contracts.gripper_frames import gripper_rotation, yaw_and_tilt
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Grip as HoldGrip
 from crux_contracts.scenario import Hold, Scenario
@@ -23,6 +23,7 @@ from crux_planner.model.contacts import (
 )
 from crux_planner.model.cuboids import Cuboids, cuboids_of
 from crux_planner.model.faces import Faces, faces_of, usable_friction
+from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.surfaces import Surfaces
 from crux_planner.model.unusable import WALL_CLEARANCE_M, faces_text, height_text, look_at_grip, narrow_text
 
@@ -84,12 +85,12 @@ class Offers:
             return height_text(hold.size_m[2], self.robot, radius_m)
         if (reason := faces_text(hold, pair, faces, shape, radius_m)) is not None:
             return reason
-        look_at_grip(scenario, index, grip, faces)
+        look_at_grip(scenario, index, grip, faces, pair, self.robot)
         half = faces.half_m
         yaw_rad, tilt_rad = self.cuboids.yaw_and_tilt(index)
-        normal = yaw_rad + pair * np.pi / 2
-        turn = gripper_rotation(normal, tilt_rad)
-        axis, across, up = turn.T
+        square = gripper_rotation(yaw_rad + pair * np.pi / 2, tilt_rad)
+        axis, across, up = square.T
+        normal, tilt_rad, turn = _at_angle(square, yaw_rad + pair * np.pi / 2, tilt_rad, grip)
         middle = self.cuboids.foot_m[index] + faces.height_m * up
         middle = middle + faces.off_m * axis + faces.aside_m * across
         slack = faces.width_m / 2 - radius_m - EDGE_RESERVE_M
@@ -110,6 +111,14 @@ class Offers:
                 contacts.append(replace(one, tilt_rad=tilt_rad if scenario.tilts else None))
         opens = partial(opening_for, middle, turn, index, half, self.cuboids, shape, lean_rad=faces.lean_rad)
         return contacts or narrow_text(opens, nearest, min(limits.clearance_m, TIGHT_CLEARANCE_M))
+
+
+def _at_angle(square: Array, yaw_rad: float, tilt_rad: Array, grip: HoldGrip | None) -> tuple[float, Array, Array]:
+    """Yaw, tilt (2,) and rotation (3, 3) of a gripper at a grip, from those of one that is along the hold's own z."""
+    if grip is None or not grip.tilt_deg:
+        return yaw_rad, tilt_rad, square
+    turn = square @ rotation_from_rpy(np.array([grip.tilt_rad, 0.0, 0.0]))
+    return *yaw_and_tilt(turn), turn
 
 
 def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:

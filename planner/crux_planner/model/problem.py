@@ -171,7 +171,7 @@ class Problem(CentroidalProblem):
     @cached_property
     def upright(self) -> bool:
         """Whether all faces and cuboids are, on one endless wall: proofs and bounds are about these alone."""
-        return self.cuboids.upright and not self.leans and not self.surfaces.names
+        return self.hand_numbers == UPRIGHT and self.cuboids.upright and not self.leans and not self.surfaces.names
 
     @cached_property
     def tall(self) -> Flags:

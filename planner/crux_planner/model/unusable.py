@@ -8,7 +8,7 @@ from crux_contracts.scenario import Grip, Hold, Scenario
 
 from crux_planner.errors import wrong
 from crux_planner.model.contacts import GripperShape
-from crux_planner.model.faces import Faces, smooth_faces, too_steep
+from crux_planner.model.faces import PASSING_CLEARANCE_M, Faces, smooth_faces, too_steep
 
 ROUNDING_M = 1e-6  # of places in files
 WALL_CLEARANCE_M = 0.003  # of pads to the wall where a hold is turned out of its plane, and to bounded surfaces
@@ -36,13 +36,18 @@ def faces_text(hold: Hold, pair: int, faces: Faces, shape: GripperShape, patch_r
     return None
 
 
-def look_at_grip(scenario: Scenario, index: int, grip: Grip | None, faces: Faces) -> None:
-    """Raises ScenarioError where one of a hold's own grips has pads beyond its faces."""
-    if grip is not None and faces.beyond_m > ROUNDING_M:
-        hold = scenario.holds[index]
-        which = hold.grips.index(grip)
-        why = f"{hold.name}: its pads are {1e3 * faces.beyond_m:.1f} mm beyond the faces, or the heights they may have"
-        raise wrong(scenario, f"holds[{index}].grips[{which}]", "", why)
+def look_at_grip(scenario: Scenario, index: int, grip: Grip | None, faces: Faces, pair: int, robot: Robot) -> None:
+    """Raises ScenarioError where one of a hold's own grips has pads beyond its faces, or turns the palm into it."""
+    if grip is None:
+        return
+    hold, why = scenario.holds[index], ""
+    if faces.beyond_m > ROUNDING_M:
+        why = f"its pads are {1e3 * faces.beyond_m:.1f} mm beyond the faces, or the heights they may have"
+    elif grip.tilt_deg and (gap_m := faces.palm_gap_m(hold, pair, grip, robot)) < PASSING_CLEARANCE_M - ROUNDING_M:
+        where = f"{1e3 * gap_m:.1f} mm off" if gap_m >= 0.0 else f"{-1e3 * gap_m:.1f} mm in"
+        why = f"at {grip.tilt_deg:g} degrees the palm is {where} the hold, it needs {1e3 * PASSING_CLEARANCE_M:g} mm"
+    if why:
+        raise wrong(scenario, f"holds[{index}].grips[{hold.grips.index(grip)}]", "", f"{hold.name}: {why}")
 
 
 def narrow_text(opens: Callable[[float], float | None], nearest: tuple[float, str], needed_m: float) -> str:

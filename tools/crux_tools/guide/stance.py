@@ -213,7 +213,9 @@ def scenario_from(scenario: Scenario, robot: Robot, status: Any, on: Mapping[str
     """`scenario` from where the robot hangs: its start, and the holds that are gripped where they were found. `status`
     as of felt_of(). Raises UsageError, ScenarioError."""
     if scenario.tilts:
-        raise UsageError("holds that are turned out of the wall's plane: a robot on such walls is not recognised yet")
+        raise UsageError(
+            "holds or grips that are turned out of the wall's plane: a robot on such walls is not recognised yet"
+        )
     state = status.state
     near = None
     if state.supervisor_state != robot_state_t.IDLE:

@@ -61,14 +61,14 @@ class Ghost:
             place = self._place(named[grasp["hold"]], grasp, float(rpy_rad[2]))
             if place is None:
                 continue
-            position, yaw, half_m = place
+            position, turn, half_m = place
             data.qpos[self._robot.finger_qpos[limb]] = half_m
-            solve_limb(self._robot, data, limb, position, rotation_from_rpy([0.0, 0.0, yaw]), starts=STARTS)
+            solve_limb(self._robot, data, limb, position, turn, starts=STARTS)
         mujoco.mj_kinematics(self._robot.model, data)
         return self._bodies.poses(data)
 
-    def _place(self, hold: Content, grasp: Content, heading_rad: float) -> tuple[np.ndarray, float, float] | None:
-        """Where a gripper's middle is by a grasp, its yaw, and from there to a pad's face."""
+    def _place(self, hold: Content, grasp: Content, heading_rad: float) -> tuple[np.ndarray, np.ndarray, float] | None:
+        """Where a gripper's middle is by a grasp, its rotation (3, 3), and from there to a pad's face."""
         pair, which = "xy".index(grasp["faces"]), int(grasp.get("grip", 0))
         lean_deg = tuple(float(hold["lean_deg"].get(face, 0.0)) for face in SIDE_FACES)
         x, y, z = map(float, hold["size_m"])
@@ -77,11 +77,17 @@ class Ghost:
         places = as_hold.places(grasp["faces"])
         if which >= len(places):
             return None
-        faces = Faces.of(as_hold, pair, self._described, self._described.gripper.pad_radius_m, places[which])
+        grip = places[which]
+        faces = Faces.of(as_hold, pair, self._described, self._described.gripper.pad_radius_m, grip)
         if faces is None:
             return None
         along = math.radians(hold["yaw_deg"]) + pair * math.pi / 2
         yaw = heading_rad + math.remainder(along - heading_rad, math.pi)  # either finger may be on either face
+        aslant = 0.0 if grip is None else grip.tilt_rad * math.cos(yaw - along)
         off = faces.off_m * np.array([math.cos(along), math.sin(along)])
         off += faces.aside_m * np.array([-math.sin(along), math.cos(along)])
-        return np.array([*(np.array(hold["position_m"], dtype=float) + off), faces.height_m]), yaw, faces.half_m
+        return (
+            np.array([*(np.array(hold["position_m"], dtype=float) + off), faces.height_m]),
+            rotation_from_rpy([aslant, 0.0, yaw]),
+            faces.half_m,
+        )
