@@ -14,11 +14,15 @@ from climbs import climbs_and_replays
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_msgs import plan_t
+from crux_planner.checker.limit_surface import finger_loads
+from crux_planner.checker.plan_arrays import read_plan
+from crux_planner.checker.report import Findings
 from crux_planner.errors import InfeasibleError
-from crux_planner.model.build import wall_contacts
+from crux_planner.model.build import MOST_FRICTION, wall_contacts
 from crux_planner.pipeline.message import PlanResult
 from crux_tools.robot3d.robot_model import build_model
 from crux_tools.robot3d.start_pose import RobotPose, take_pose
+from crux_tools.telemetry.margins import planned_grip
 from scipy.spatial.transform import Rotation
 from turned import changed_violations, turned
 
@@ -99,6 +103,21 @@ def test_the_checker_refuses_other_angles() -> None:
             limb.gripper_tilt_w_rad = [0.0, 0.0]
 
     assert "finger_axis" in changed_violations(plan, ROBOT, square)
+
+
+@pytest.mark.parametrize(("angles", "roll_deg"), [((0.0, 0.0), 20.0), ((-20.0, 40.0), 0.0)])
+def test_margins_of_plans_are_those_of_the_checker(angles: tuple[float, float], roll_deg: float) -> None:
+    """Spines hold so much along each way of the gripper, which is neither the wall's nor, at an angle, the hold's. What
+    is planned keeps its reserve in friction there.
+    """
+    plan = planned(*angles, roll_deg).plan
+    arrays = read_plan(plan, Findings(), ROBOT.gripper.pad_radius_m)
+    assert arrays is not None
+    loads = finger_loads(arrays, 0.6)
+    beyond = loads.excess(loads.shear_N, loads.twist_Nm, loads.normal_N, ..., arrays.patch_k_m)
+    seen = planned_grip(plan)
+    assert -seen.margin_n[arrays.gripped] == pytest.approx(beyond[arrays.gripped], abs=1e-9)
+    assert np.nanmax(seen.used) < MOST_FRICTION + 0.01
 
 
 def test_the_search_takes_an_angle_that_is_free() -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from crux_contracts.gripper_frames import gripper_rotation
 from crux_contracts.plan_series import PlanSeries, plan_series
 from crux_contracts.robot import load_robot, robot_names
 from crux_planner.checker.limit_surface import cone_excess
@@ -26,7 +27,6 @@ from crux_tools.telemetry.surfaces import pad_shares_of
 _FACES = 4  # +x, -x, +y, -y
 X, Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 SIDES = np.array([[1.0], [-1.0]])  # of the opening axis, fingers 1 and 2
-FLAT = 0.95  # z of the normal: above it the face is the wall itself, below it a side of a hold
 
 
 class _Surfaces(NamedTuple):
@@ -74,10 +74,19 @@ class Grip(NamedTuple):
         return Grip(*(np.where(gripping, values, np.nan) for values in self))
 
 
-def _grip(plan: Any, force: np.ndarray, moment: np.ndarray, outward: np.ndarray, on: _Surfaces) -> Grip:
-    """Of wrenches (..., 3), (..., 3) on faces with outward normals (..., 3)."""
-    on_wall = (outward[..., 2] > FLAT)[..., None]
-    tangent = np.where(on_wall, X, np.cross(Z, outward))
+def _grip(
+    plan: Any,
+    force: np.ndarray,
+    moment: np.ndarray,
+    outward: np.ndarray,
+    up: np.ndarray,
+    on_wall: np.ndarray,
+    on: _Surfaces,
+) -> Grip:
+    """Of wrenches (..., 2, 3), (..., 2, 3) on faces with outward normals (..., 2, 3) by grippers whose z is `up`
+    (..., 3), or on the wall itself (...): spines hold along the ways of the gripper.
+    """
+    tangent = np.where(on_wall[..., None, None], X, np.cross(up[..., None, :], outward))
     tangent = tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
     other_tangent = np.cross(outward, tangent)
     normal = (force * outward).sum(axis=-1)
@@ -147,7 +156,8 @@ def planned_grip(plan: Any) -> Grip:
     moment, leaning = series.finger_moment_nm, _Leaning.of(plan, series, outward)
     if leaning is not None:
         outward, moment = leaning.normal, moment - np.cross(leaning.touch_m, series.finger_force_n)
-    grip = _grip(plan, series.finger_force_n, moment, outward, _surfaces(plan, series))
+    up = gripper_rotation(series.gripper_yaw_rad, series.gripper_tilt_rad)[..., 2]
+    grip = _grip(plan, series.finger_force_n, moment, outward, up, series.on_wall, _surfaces(plan, series))
     return grip.where(series.stance[..., None])
 
 
@@ -202,8 +212,8 @@ def measured_grip(log: Telemetry, filter_s: float) -> Grip:
     given = (*whole, axis, log.inputs["finger_opening_m"], log.inputs["finger_force_n"])
     force, moment = split_between_fingers(*given) if leaning is None else leaning.at(knot).split(*given)
     outward = outward if leaning is None else leaning.normal[knot]
-    on_wall = series.on_wall[knot][..., None, None]
-    force = np.where(on_wall, np.stack([whole[0], whole[0]], axis=2) / 2, force)
-    moment = np.where(on_wall, 0.0, moment)  # two pads beside each other bear what a point does not
-    grip = _grip(plan, force, moment, outward, _surfaces(plan, series).at(knot))
+    on_wall, here = series.on_wall[knot], series.on_wall[knot][..., None, None]
+    force = np.where(here, np.stack([whole[0], whole[0]], axis=2) / 2, force)
+    moment = np.where(here, 0.0, moment)  # two pads beside each other bear what a point does not
+    grip = _grip(plan, force, moment, outward, rotation[..., 2], on_wall, _surfaces(plan, series).at(knot))
     return grip.where((in_full_stance(log) & series.stance[knot])[..., None])
