@@ -20,6 +20,7 @@ from crux_planner.checker.report import Findings
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import MOST_FRICTION, wall_contacts
 from crux_planner.pipeline.message import PlanResult
+from crux_simulation.wall.edit.ghost import Ghost
 from crux_tools.robot3d.robot_model import build_model
 from crux_tools.robot3d.start_pose import RobotPose, take_pose
 from crux_tools.telemetry.margins import planned_grip
@@ -194,3 +195,31 @@ def test_angles_that_make_no_sense_are_refused() -> None:
     parse_scenario(scene)
     with pytest.raises(ScenarioError, match=r"uncertainty: .*left-front-high has a grip at an angle"):
         crux_planner.plan(wall([0.0], [10.0]) | {"uncertainty": {"friction": 0.1}}, ROBOT)
+
+
+def test_the_checker_has_no_word_for_uncertain_grips_at_an_angle() -> None:
+    plan, more = planned(0.0, 15.0).plan, "version: 2\nuncertainty: {hold_position_m: 0.0001}"
+    assert "limit_surface_uncertain" in changed_violations(plan, ROBOT, lambda _plan: None, "version: 2", more)
+
+
+@pytest.mark.parametrize("finger1", [0.0, 180.0])
+@pytest.mark.parametrize("faces", ["x", "y"])
+def test_the_sketch_shows_the_hand_at_its_angle(faces: str, finger1: float) -> None:
+    """The editor's robot, its body turned or not, so that either finger is on either face."""
+    scene, heading = wall([0.0], [20.0], 0.0, faces), np.radians(finger1)
+    scenario, hold = parse_scenario(scene), hold_of(scene, GOAL)
+    x, y, _ = hold["pose"]["position_m"]
+    body = {"name": GOAL, "obstacle": False, "position_m": [x, y], "size_m": [0.06] * 3, "yaw_deg": 0.0, "lean_deg": {}}
+    c, s = np.cos(heading), np.sin(heading)
+    place = [x - 0.14 * c + 0.36 * s, y - 0.14 * s - 0.36 * c, 0.185]
+    standing = {"position_m": place, "rpy_deg": [0.0, 0.0, finger1]}
+    found = Ghost(ROBOT, scenario).stand(
+        [body | {"grips": hold["grips"]}], standing, {"LF": {"hold": GOAL, "faces": faces}}
+    )
+    model = build_model(ROBOT, planned(0.0, 15.0).plan).model
+    number = np.flatnonzero(model.body_weldid != 0).tolist().index(model.body("LF_gripper").id)
+    at, quaternion = found[7 * number : 7 * number + 3], found[7 * number + 3 : 7 * number + 7]
+    assert at == pytest.approx([x, y, 0.035], abs=1e-4)
+    about = Rotation.from_euler(faces, 20.0, degrees=True)
+    up = Rotation.from_quat(quaternion, scalar_first=True).apply([0.0, 0.0, 1.0])
+    assert up == pytest.approx(about.apply([0.0, 0.0, 1.0]), abs=1e-3)

@@ -104,5 +104,8 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
     if scenario.uncertainty is not None and scenario.leans:
         detail = "no check knows what an uncertainty makes of holds whose faces lean"
         findings.add("limit_surface_uncertain", 1.0, "", detail=detail)
+    elif scenario.uncertainty is not None and any(grip.tilt_deg for hold in scenario.holds for grip in hold.grips):
+        detail = "no check knows what an uncertainty makes of grips at an angle"
+        findings.add("limit_surface_uncertain", 1.0, "", detail=detail)
     elif scenario.uncertainty is not None:
         check_uncertainty(plan, scenario, loads, robot, findings)
