@@ -18,7 +18,7 @@ from crux_planner.checker.limit_surface import finger_loads
 from crux_planner.checker.plan_arrays import read_plan
 from crux_planner.checker.report import Findings
 from crux_planner.errors import InfeasibleError
-from crux_planner.model.build import MOST_FRICTION, wall_contacts
+from crux_planner.model.build import MOST_FRICTION, build_problem, wall_contacts
 from crux_planner.pipeline.message import PlanResult
 from crux_simulation.wall.edit.ghost import Ghost
 from crux_tools.robot3d.robot_model import build_model
@@ -193,8 +193,25 @@ def test_angles_that_make_no_sense_are_refused() -> None:
         parse_scenario(scene)
     hold_of(scene, GOAL)["shape"]["lean_deg"] = {"+y": 30}
     parse_scenario(scene)
-    with pytest.raises(ScenarioError, match=r"uncertainty: .*left-front-high has a grip at an angle"):
-        crux_planner.plan(wall([0.0], [10.0]) | {"uncertainty": {"friction": 0.1}}, ROBOT)
+    for unsure in ({"hold_position_m": 0.002}, {"hold_yaw_deg": 2.0}):
+        with pytest.raises(ScenarioError, match=r"uncertainty: .*left-front-high has a grip at an angle"):
+            crux_planner.plan(wall([0.0], [10.0]) | {"uncertainty": unsure}, ROBOT)
+
+
+def test_plans_at_an_angle_hold_for_uncertain_friction_and_mass() -> None:
+    unsure = {"friction": 0.1, "mass_kg": 0.3, "centre_of_mass_m": 0.01}
+    found = crux_planner.plan(wall([-20.0], [30.0]) | {"uncertainty": unsure}, ROBOT)
+    assert found.check.violations == []
+    assert found.plan.knots[-1].limbs[LF].friction == pytest.approx(0.9 * 2.2)
+    assert "limit_surface_uncertain" in changed_violations(
+        found.plan, ROBOT, lambda _plan: None, "friction: 0.1", "friction: 0.4"
+    )
+
+
+def test_no_proof_is_about_a_wall_with_grips_at_an_angle() -> None:
+    """Proofs, and bounds of the cost, know grippers along their hold's z alone."""
+    assert not build_problem(parse_scenario(wall([0.0], [10.0])), ROBOT).upright
+    assert planned(-20.0, 40.0).gap is None
 
 
 def test_the_checker_has_no_word_for_uncertain_grips_at_an_angle() -> None:

@@ -271,6 +271,11 @@ class Uncertainty:
     def hold_yaw_rad(self) -> float:
         return math.radians(self.hold_yaw_deg)
 
+    @property
+    def moves_holds(self) -> bool:
+        """Whether holds may be elsewhere."""
+        return self.hold_position_m > 0.0 or self.hold_yaw_deg > 0.0
+
 
 @dataclass(frozen=True)
 class PlannerOptions:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from crux_contracts.robot import Robot, robot_of
-from crux_contracts.scenario import Scenario
+from crux_contracts.scenario import Scenario, Uncertainty
 from crux_msgs import plan_t
 
 from crux_planner.checker.bounds import check_bounds
@@ -101,11 +101,15 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
         samples, solids, limbs, body, endless=wall.endless, point_model=point, spare_m=spare_m, findings=findings
     )
     check_limb_clearance(samples, limbs, body, spare_m, findings)
-    if scenario.uncertainty is not None and scenario.leans:
-        detail = "no check knows what an uncertainty makes of holds whose faces lean"
-        findings.add("limit_surface_uncertain", 1.0, "", detail=detail)
-    elif scenario.uncertainty is not None and any(grip.tilt_deg for hold in scenario.holds for grip in hold.grips):
-        detail = "no check knows what an uncertainty makes of grips at an angle"
-        findings.add("limit_surface_uncertain", 1.0, "", detail=detail)
+    if scenario.uncertainty is not None and (unknown := _unknown(scenario, scenario.uncertainty)):
+        findings.add("limit_surface_uncertain", 1.0, "", detail=f"no check knows what {unknown}")
     elif scenario.uncertainty is not None:
         check_uncertainty(plan, scenario, loads, robot, findings)
+
+
+def _unknown(scenario: Scenario, known: Uncertainty) -> str:
+    """What this check does not know of an uncertainty; empty where there is nothing."""
+    if scenario.leans:
+        return "an uncertainty makes of holds whose faces lean"
+    at_angle = known.moves_holds and any(hold.tilted_grips for hold in scenario.holds)
+    return "uncertain places make of grips at an angle" if at_angle else ""

@@ -117,8 +117,9 @@ def _is_about_climbs(scenario: Scenario, robot: Robot) -> None:
         leaning = next(hold.name for hold in scenario.holds if hold.leans)
         raise wrong(scenario, "uncertainty", "", f"is not supported yet where {leaning} has faces that lean")
     at_angle = next((hold.name for hold in scenario.holds if hold.tilted_grips), None)
-    if scenario.uncertainty is not None and at_angle is not None:
-        raise wrong(scenario, "uncertainty", "", f"is not supported yet where {at_angle} has a grip at an angle")
+    if scenario.uncertainty is not None and scenario.uncertainty.moves_holds and at_angle is not None:
+        why = f"of holds' places is not supported yet where {at_angle} has a grip at an angle"
+        raise wrong(scenario, "uncertainty", "", why)
 
 
 def _fits_one_plan(scenario: Scenario) -> None:
