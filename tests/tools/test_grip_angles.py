@@ -210,8 +210,10 @@ def test_plans_at_an_angle_hold_for_uncertain_friction_and_mass() -> None:
 
 def test_no_proof_is_about_a_wall_with_grips_at_an_angle() -> None:
     """Proofs, and bounds of the cost, know grippers along their hold's z alone."""
-    assert not build_problem(parse_scenario(wall([0.0], [10.0])), ROBOT).upright
-    assert planned(-20.0, 40.0).gap is None
+    square, at_angle = (wall([0.0], [angle]) | {"obstacles": []} for angle in (0.0, 10.0))
+    assert build_problem(parse_scenario(square), ROBOT).upright
+    assert not build_problem(parse_scenario(at_angle), ROBOT).upright
+    assert crux_planner.plan(at_angle, ROBOT).gap is None
 
 
 def test_the_checker_has_no_word_for_uncertain_grips_at_an_angle() -> None:
