@@ -12,18 +12,22 @@ import numpy as np
 import pytest
 from climbs import climbs_and_replays
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import ScenarioError, parse_scenario
+from crux_contracts.scenario import Grip, Hold, ScenarioError, parse_scenario
 from crux_msgs import plan_t
 from crux_planner.checker.limit_surface import finger_loads
 from crux_planner.checker.plan_arrays import read_plan
 from crux_planner.checker.report import Findings
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import MOST_FRICTION, build_problem, wall_contacts
+from crux_planner.model.faces import Faces
 from crux_planner.pipeline.message import PlanResult
 from crux_simulation.wall.edit.ghost import Ghost
 from crux_tools.robot3d.robot_model import build_model
 from crux_tools.robot3d.start_pose import RobotPose, take_pose
 from crux_tools.telemetry.margins import planned_grip
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 from turned import changed_violations, turned
 
@@ -242,3 +246,38 @@ def test_the_sketch_shows_the_hand_at_its_angle(faces: str, finger1: float) -> N
     about = Rotation.from_euler(faces, 20.0, degrees=True)
     up = Rotation.from_quat(quaternion, scalar_first=True).apply([0.0, 0.0, 1.0])
     assert up == pytest.approx(about.apply([0.0, 0.0, 1.0]), abs=1e-3)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.sampled_from("xy"), st.floats(-45.0, 45.0), st.floats(0.0, 30.0), st.floats(0.0, 30.0), st.floats(-0.05, 0.05)
+)
+def test_a_palm_is_in_the_hold_where_both_share_a_point(
+    faces: str, angle: float, plus_deg: float, minus_deg: float, aside_m: float
+) -> None:
+    """Against linear programming over points along the hold's axes, in the palm and within the hold's sides and top."""
+    other = "y" if faces == "x" else "x"
+    lean_deg = tuple(
+        {f"+{other}": plus_deg, f"-{other}": minus_deg}.get(face, 0.0) for face in ("+x", "-x", "+y", "-y")
+    )
+    size_m = (0.06, 0.12, 0.085) if faces == "x" else (0.12, 0.06, 0.085)
+    grip = Grip(faces, aside_m, 0.045, tilt_deg=angle or 1.0)
+    hold = Hold("hold", (0.0, 0.0), size_m, lean_deg=lean_deg, grips=(grip,))
+    pair = "xy".index(faces)
+    at = Faces.of(hold, pair, ROBOT, 0.02, grip)
+    assert at is not None
+    gap_m = at.palm_gap_m(hold, pair, grip, ROBOT)
+    about, middle = np.eye(3)[pair], aside_m * np.eye(3)[1 - pair] + [0.0, 0.0, 0.045]
+    turn = Rotation.from_rotvec(grip.tilt_rad * about)
+    up, across = turn.apply([0.0, 0.0, 1.0]), turn.apply(np.cross([0.0, 0.0, 1.0], about))
+    rows, most = [np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])], [0.085, 0.0]
+    for sign, lean in ((1.0, plus_deg), (-1.0, minus_deg)):
+        rows.append(np.cos(np.radians(lean)) * sign * np.eye(3)[1 - pair] + [0.0, 0.0, np.sin(np.radians(lean))])
+        most.append(np.cos(np.radians(lean)) * 0.06)
+    for way, off_m in ((-up, -ROBOT.gripper.finger_height_m), (across, ROBOT.gripper.pad_radius_m)):
+        rows.append(way)
+        most.append(off_m + way @ middle)
+    rows.append(-across)
+    most.append(ROBOT.gripper.pad_radius_m - across @ middle)
+    shared = linprog(np.zeros(3), np.array(rows), np.array(most), bounds=(None, None)).status == 0
+    assert shared == (gap_m < 0.0) or abs(gap_m) < 1e-6
