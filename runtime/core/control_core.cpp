@@ -36,11 +36,11 @@ ControlCore::ControlCore(const RobotDescription& robot)
       localisation_(robot.localisation),
       grips_(robot.stance),
       faults_(robot),
-      balance_(robot.stance) {}
+      balance_(robot.stance, robot.force_torque) {}
 
 CycleView ControlCore::view() const noexcept {
-  return {robot_,   plan_.get(), limbs_,      faults_.health(), body_.body_W(),
-          com_W_m_, reference_,  wrenches_W_, engaged_,         started_};
+  return {robot_,      plan_.get(),        limbs_,   faults_.health(), body_.body_W(), com_W_m_, reference_,
+          wrenches_W_, balance_.carried(), engaged_, started_};
 }
 
 std::string ControlCore::load_plan(const crux_msgs::plan_t& plan) {
@@ -121,7 +121,7 @@ bool ControlCore::as_new() const noexcept {
 
 void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) noexcept {
   sense(in);
-  if (plan_) watch(in);
+  if (plan_) watch(elapsed_s(in));
   supervise(in);
   if (engaged_) {
     refer(in);
@@ -162,19 +162,6 @@ void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
   body_.update(anchors_W, grippers_B, weights, levers_m);
   com_W_m_ = body_.body_W() * centre_of_mass(robot_, states);
   for (LimbController& limb : limbs_) limb.sense_wrench(body_.body_W().rotation, plan_->gravity_W_m_s2, elapsed_s(in));
-}
-
-void ControlCore::watch(const crux_msgs::control_input_t& in) noexcept {
-  const double dt_s = elapsed_s(in);
-  PerLimb<Wrench> felt_W;
-  PerLimb<Vector3> grippers_W_m;
-  for (int l = 0; l < kLimbs; ++l) {
-    felt_W[l] = limbs_[l].wrench_W();
-    grippers_W_m[l] = limbs_[l].gripper_W_m(body_.body_W());
-  }
-  if (!started_) balance_.restart();
-  balance_.update(felt_W, grippers_W_m, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2, dt_s);
-  grips_.watch(view(), started_ && supervisor_.state() == SupervisorState::kClimbing, dt_s);
 }
 
 void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {

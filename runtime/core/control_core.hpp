@@ -87,7 +87,7 @@ class ControlCore {
 
   // The steps of a cycle.
   void sense(const crux_msgs::control_input_t& in) noexcept;
-  void watch(const crux_msgs::control_input_t& in) noexcept;
+  void watch(double dt_s) noexcept;
   void supervise(const crux_msgs::control_input_t& in) noexcept;
   void refer(const crux_msgs::control_input_t& in) noexcept;
   void locate(double dt_s) noexcept;

@@ -1,4 +1,4 @@
-// Control that takes over from where the robot hangs, as after a loss of power or in a new run.
+// How the robot hangs; and control that takes over from there, as after a loss of power or in a new run.
 #include <Eigen/Geometry>
 
 #include <algorithm>
@@ -20,6 +20,24 @@ FaultEvent fault_of(const crux_msgs::fault_t& left) {
 }
 
 }  // namespace
+
+void ControlCore::watch(double dt_s) noexcept {
+  PerLimb<Wrench> felt_W;
+  PerLimb<Vector3> grippers_W_m;
+  for (int l = 0; l < kLimbs; ++l) {
+    felt_W[l] = limbs_[l].wrench_W();
+    grippers_W_m[l] = limbs_[l].gripper_W_m(body_.body_W());
+  }
+  if (!started_) {
+    balance_.restart();
+    balance_.forget_load();
+  }
+  const Vector3 weight_W_N = robot_.total_mass_kg * plan_->gravity_W_m_s2;
+  balance_.update(felt_W, grippers_W_m, com_W_m_, weight_W_N, dt_s);
+  const bool hangs = started_ && engaged_ && !plan_->point_feet && !faults_.health().any_force_torque_distrusted();
+  if (hangs) balance_.weigh(weight_W_N, dt_s);
+  grips_.watch(view(), started_ && supervisor_.state() == SupervisorState::kClimbing, dt_s);
+}
 
 void ControlCore::leave(crux_msgs::restart_t& left) const noexcept {
   left.plan_id.clear();

@@ -17,6 +17,7 @@ struct CycleView {
   const Vector3& com_W_m;
   const PlanReference& reference;
   const PerLimb<Wrench>& wrenches_W;  ///< that the limbs are to bear
+  double carried;                     ///< beyond the described weight, as a share of it
   bool engaged;                       ///< control has taken over from the nodes' own hold
   bool started;                       ///< the plan's clock has left zero
 };

@@ -38,7 +38,8 @@ double pressed(const CycleView& now, int limb) noexcept {
 }  // namespace
 
 PerLimb<Wrench> balanced(const CycleView& now, const PerLimb<Bearer>& bearers) noexcept {
-  return balanced_wrenches(bearers, now.com_W_m, now.robot.total_mass_kg * now.plan->gravity_W_m_s2,
+  return balanced_wrenches(bearers, now.com_W_m,
+                           (1.0 + now.carried) * now.robot.total_mass_kg * now.plan->gravity_W_m_s2,
                            now.robot.control.twist_length_m);
 }
 

@@ -375,7 +375,7 @@ class Balance : public testing::Test {
   const Vector3 weight_N_{-70.0, 0.0, -70.0};
   PerLimb<Vector3> grippers_W_m_{Vector3(0.14, 0.36, -0.15), Vector3(0.14, -0.36, -0.15), Vector3(-0.14, 0.36, -0.15),
                                  Vector3(-0.14, -0.36, -0.15)};
-  WeightBalance balance_{robot().stance};
+  WeightBalance balance_{robot().stance, robot().force_torque};
 };
 
 TEST_F(Balance, WhatIsThereFromTheBeginningIsLearnt) {
