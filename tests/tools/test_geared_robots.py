@@ -21,7 +21,7 @@ from crux_simulation.sim.world_file import parse_world
 from crux_simulation.sim.world_model import change_robot
 from crux_tools.errors import UsageError
 from crux_tools.report.pictures import place_measured
-from crux_tools.robot3d.robot_model import build_model, urdf_spec
+from crux_tools.robot3d.robot_model import build_model
 from crux_tools.telemetry import read_log
 from geared_robots import COUPLED, GEARED, OFFSET_RAD, RATIO, with_transmissions
 from hand_plan import standing_plan
@@ -92,11 +92,15 @@ def test_play_friction_and_elasticity_behind_gears_are_those_of_a_joint(
 
 def test_play_behind_a_drive_of_two_joints_is_refused(tmp_path: Path) -> None:
     robot = load_robot(with_transmissions(COUPLED, tmp_path))
-    spec = urdf_spec(robot)
+
+    def changed(place: str, change: JointChange) -> None:
+        world = World("changed", "", 0, joints={place: change})
+        build_model(robot, standing_plan(), lambda spec: change_robot(spec, robot, world))
+
     with pytest.raises(UsageError, match=r"joints\.LF\.3: no friction, play or elasticity in drives that move two"):
-        change_robot(spec, robot, World("loose", "", 0, joints={"LF.3": JointChange(backlash_rad=0.01)}))
-    change_robot(spec, robot, World("loose", "", 0, joints={"LF.2": JointChange(backlash_rad=0.01)}))
-    change_robot(spec, robot, World("weak", "", 0, joints={"LF.3": JointChange(torque_factor=0.8)}))
+        changed("LF.3", JointChange(backlash_rad=0.01))
+    changed("LF.2", JointChange(backlash_rad=0.01))
+    changed("LF.3", JointChange(torque_factor=0.8))
 
 
 def test_a_robot_with_gears_signs_offsets_and_a_belt_climbs(tmp_path: Path) -> None:

@@ -83,15 +83,14 @@ def change_robot(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
             name="payload", pos=world.payload.position_m, ipos=[0, 0, 0], mass=world.payload.mass_kg,
             inertia=[1e-6] * 3, explicitinertial=True,
         )  # fmt: skip
-    turned, ratios = driven_names(robot), _ratios(robot)
-    for name, place, ratio in zip(slot_names(robot), joint_names(robot.slots), ratios, strict=True):
-        change = world.joints.get(place, JointChange())
+    for name, place in zip(slot_names(robot), joint_names(robot.slots), strict=True):
+        change, drive = world.joints.get(place, JointChange()), spec.actuator(name)
         if not change.mechanical:
             continue
-        if math.isnan(ratio):
+        if drive.trntype == mujoco.mjtTrn.mjTRN_TENDON:
             raise UsageError(f"joints.{place}: no friction, play or elasticity in drives that move two joints")
-        solimp = CRANK_PLAY_SOLIMP if name in turned else PLAY_SOLIMP
-        _change_drive(spec.joint(turned.get(name, name)), change, ratio, solimp)
+        solimp = PLAY_SOLIMP if drive.target == name else CRANK_PLAY_SOLIMP
+        _change_drive(spec.joint(drive.target), change, float(drive.gear[0]), solimp)
     for name, limb in zip(finger_joints(robot), np.repeat(LIMB_NAMES, 2), strict=True):
         if limb in world.grippers:
             spec.joint(name).solimp_friction, spec.joint(name).solref_friction = STIFF_SOLIMP, PLAY_SOLREF
@@ -148,16 +147,6 @@ def loosen_holds(spec: mujoco.MjSpec, plan: plan_t, world: World) -> None:
             body.add_joint(
                 type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, stiffness=[stiffness, 0, 0], damping=[damping, 0, 0]
             )
-
-
-def _ratios(robot: Robot) -> list[float]:
-    """(4 S,) of actuators to the hinges that they turn, NaN where they turn two, 1 where there is none."""
-    found = []
-    for limb in robot.limbs:
-        own = [turns[np.flatnonzero(turns)] for turns in limb.transmission.matrix]
-        found += [float(each[0]) if len(each) == 1 else math.nan for each in own]
-        found += [1.0] * (robot.slots - len(own))
-    return found
 
 
 def _change_drive(joint: Any, change: JointChange, ratio: float, play_solimp: tuple[float, ...]) -> None:
