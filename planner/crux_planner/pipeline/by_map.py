@@ -27,6 +27,7 @@ from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.restart import rewritten
 from crux_planner.pipeline.session import RefusedWay
 from crux_planner.pipeline.solve_and_check import Climb, improved, others_than
+from crux_planner.pipeline.two_at_once import TwoAtOnce
 from crux_planner.reach.arm import CLEAR_M, reaches_of
 from crux_planner.search.body_path import SPEED_SHARE, path_about
 from crux_planner.search.ends import aims, clear_start
@@ -225,7 +226,7 @@ class _ByMap:
         moves = [Move(before, after, (limb,), at, at) for before, limb, after in way]
         self.by_places = 0
         if (cheaper := self._cheaper(moves)) is not None:
-            return cheaper
+            return self._in_pairs(*cheaper)
         if (needed := _least_steps(self.problem, self.climb.oracles.swings, moves)) > self.problem.steps:
             text = f"{self.problem.steps} steps are too few for {len(moves)} moves; allow at least {needed}"
             self.climb.work.refused.append(RefusedWay(HorizonError(text, needed), partial(self._in_steps, way)))
@@ -236,7 +237,7 @@ class _ByMap:
         for timed in self._evenly(moves):
             found = self._timed(timed)
             if isinstance(found, PlanResult):
-                return found
+                return self._in_pairs(found, timed)
             before, blamed = blamed, blamed if found is None else found
             if before == found or self.by_places >= MOST_BY_PLACES:
                 break  # more time does not help
@@ -265,9 +266,22 @@ class _ByMap:
                 stances[int(np.argmin(stances))] += 1
             yield Timed(moves, stances, quickest)
 
-    def _cheaper(self, moves: list[Move]) -> PlanResult | None:
-        """A checked plan of the moves or cheaper ones near them, the body in the convex hulls of the limbs' reach as
-        the estimates have it; None where the map has no path for any of these.
+    def _in_pairs(self, found: PlanResult, timed: Timed) -> PlanResult:
+        """The plan of timed moves; where time counts, with one in which two limbs move at once where these can."""
+        if self.climb.session.scenario.planner.objective != "time":
+            return found
+
+        def stands(move: Move) -> bool:
+            grips = [self.problem.contacts[c] for c in move.before]
+            middle_m = np.mean([grip.centre_h_m for grip in grips], axis=0)
+            return all(grip.bears for grip in grips) and self.footing.stands(move.held, middle_m) is not None
+
+        found.in_pairs = TwoAtOnce(self.climb.oracles.swings, stands, self._timed).plan(timed)
+        return found
+
+    def _cheaper(self, moves: list[Move]) -> tuple[PlanResult, Timed] | None:
+        """A checked plan of the moves or cheaper ones near them, timed, the body in the convex hulls of the limbs'
+        reach as the estimates have it; None where the map has no path for any of these.
         """
         if not moves or (np.ptp(tilts_of(self.problem), axis=0) > self.problem.boxes.max_tilt_rad).any():
             return None
@@ -285,9 +299,10 @@ class _ByMap:
         if others is not None and others.found:
             better = self._timed(others.timed)
             others = replace(others, found=isinstance(better, PlanResult) and better.cost < found.cost)
-            found = better if isinstance(better, PlanResult) and others.found else found
+            if isinstance(better, PlanResult) and others.found:
+                found, timed = better, others.timed
         found.others = others
-        return found
+        return found, timed
 
     def _by_hulls(self, turn_rad: float) -> Oracles:
         """Of a body that turns up to so far, as if it were level and did not."""

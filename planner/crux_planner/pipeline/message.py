@@ -71,6 +71,8 @@ class PlanResult:
     """what one of the paper's methods reached before the exact NLP"""
     timing: dict[str, float] = field(default_factory=dict)
     """wall-clock seconds of each part of the work"""
+    in_pairs: PlanResult | None = None
+    """the same climb with two limbs in the air at once, before it has its pace; None: none was found, or looked for"""
 
     def __repr__(self) -> str:
         gap = "not bounded" if self.gap is None else f"at most {100 * self.gap:.0f} % of it"
