@@ -53,8 +53,8 @@ class PinocchioLimb:
         """Least distance between links of two limbs; 0 or less where they are in each other."""
         self.pose(q_rad)
         other.pose(other_q_rad)
-        theirs = [other._shape(link) for link in (*other._first, *other._links)]
-        return min(_distance(self._shape(mine), each) for mine in (*self._first, *self._links) for each in theirs)
+        mine, theirs = ([each._shape(link) for link in (*each._first, *each._links)] for each in (self, other))
+        return min(_distance(one, two) for one in mine for two in theirs)
 
     def links_m(self, q_rad: Array) -> list[tuple[Array, Array, float]]:
         """Ends and radius of the capsules, the palm's box left out; the first link last."""
