@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import yaml
@@ -30,8 +31,14 @@ def wall_like(seed: int, *, text: str) -> str:
             x_m, y_m = np.round(foot.position_m + random.uniform(-SCATTER_M, SCATTER_M, 2), ROUNDING).tolist()
             yaw_deg = round(foot.yaw_deg + float(random.uniform(-YAW_DEG, YAW_DEG)), 2)
             set_foot(hold, replace(foot, position_m=(x_m, y_m), yaw_deg=yaw_deg))
-        back = {**scene, "start": scene["goal"], "goal": scene["start"]}
+        back = {**scene, "start": _as_start(scene["goal"]), "goal": scene["start"]}
         drawn = yaml.safe_dump(scene, sort_keys=False)
         if stands(drawn) and (len(scene["goal"].get("grasps", {})) < 4 or stands(yaml.safe_dump(back))):
             return drawn
     raise WorkFailed(f"no start stands among {TRIES} walls drawn like {scene['name']}")
+
+
+def _as_start(goal: dict[str, Any]) -> dict[str, Any]:
+    """A goal as a place to begin from, which has no tolerances."""
+    body = {key: value for key, value in goal["body"].items() if not key.startswith("tolerance_")}
+    return {"body": body, "grasps": goal.get("grasps", {})}
