@@ -97,7 +97,6 @@ def climbs(tmp_path_factory: pytest.TempPathFactory) -> Climbs:
         ("by-the-clock", [made.plan("by-the-clock", moved), *REALTIME], ["can0"]),
         made.faulty("broken", IN_MID_CLIMB),
         stopped(made, STOPPED, steps=False),
-        made.faulty("nodes", OF_NODES, "--emulate", f"RF.{JOINT},RF.{GRIPPER}"),
     )
     return made
 
@@ -255,8 +254,10 @@ def test_in_mid_step_as_well(fault: str, swept: Swept) -> None:
     while_it_stands_still_the_nodes_hold_and_it_tells_that_it_was_late(climbs, fault)
 
 
-def test_where_emulated_nodes_restart_or_leave_the_bus_the_robot_holds_and_never_climbs_on(climbs: Climbs) -> None:
+@pytest.mark.sweep
+def test_where_emulated_nodes_restart_or_leave_the_bus_the_robot_holds_and_never_climbs_on(swept: Swept) -> None:
     """Nodes that run their image on an emulated microcontroller."""
+    climbs = swept(lambda climbs: climbs.faulty("nodes", OF_NODES, "--emulate", f"RF.{JOINT},RF.{GRIPPER}"))
     result, log = climbs.result("nodes"), climbs.log("nodes")
     stays(result)
     for fault in result["faults"]:

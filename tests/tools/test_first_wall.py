@@ -16,10 +16,13 @@ import pytest
 from climbs import climb_here, saved
 from crux_contracts.robot import ROBOTS, Robot, load_robot
 from crux_contracts.scenario import load_scenario
+from crux_planner.checker.limb_model import load_model
 from crux_planner.method_report import first_walls
 from crux_tools import cli
 from crux_tools.paths import ROOT
 from crux_tools.robot import first_wall
+
+FRICTION = 1.0
 
 
 def fitted(robot: str, wall: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
@@ -84,11 +87,10 @@ def imported(folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
     return str(folder / "robots" / "makers")
 
 
-def test_a_wall_that_is_not_planned_is_none(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wall_that_is_not_planned_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[float] = []
-    fitting = list(first_walls(load_robot("scaler")))
+    robot = load_robot("scaler")
+    model, fitting = load_model(robot), list(first_walls(robot))
     monkeypatch.setattr(first_wall, "first_walls", lambda _robot: iter(fitting))
 
     def steep(document: dict[str, Any], _: Robot, **limits: float) -> None:
@@ -102,29 +104,30 @@ def test_a_wall_that_is_not_planned_is_none(
     for failures, slopes, verdict in ((1, [90, 75], "good"), (5, [90, 75, 60], "bad")):
         tried.clear()
         wall = tmp_path / f"{failures}.yaml"
-        found = fitted("scaler", wall, capsys)
-        assert (tried, found["verdict"], wall.exists()) == (slopes, verdict, verdict == "good")
-    assert "no plan for those that fit, as on 60 degrees: too steep" in found["found"]
-    assert found["remedy"] == "other limits or stronger motors"
+        found = first_wall.fitted(robot, model, FRICTION, wall)
+        assert (tried, found.verdict, wall.exists()) == (slopes, verdict, verdict == "good")
+    assert "no plan for those that fit, as on 60 degrees: too steep" in found.found
+    assert found.remedy == "other limits or stronger motors"
     tried.clear()
     ended, wall = 90, tmp_path / "ended.yaml"
-    found = fitted("scaler", wall, capsys)
-    assert found["remedy"] == f"{wall} is one that time ended: crux plan {wall} -o plan.mcap --time-limit 300 goes on"
+    found = first_wall.fitted(robot, model, FRICTION, wall)
+    assert found.remedy == f"{wall} is one that time ended: crux plan {wall} -o plan.mcap --time-limit 300 goes on"
     assert load_scenario(wall).wall.slope_deg == ended
 
 
 def test_a_limb_near_a_singular_posture_is_told_of_and_nothing_is_planned(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     turning = np.array([9.0, 51.0, 12.0, 9.0])
     walls = [replace(wall, turns_rad_m=turning) for wall in itertools.islice(first_walls(load_robot("scaler")), 2)]
     monkeypatch.setattr(first_wall, "first_walls", lambda _robot: iter(walls))
     monkeypatch.setattr(first_wall, "plan", lambda *_: pytest.fail("planned"))
-    found = fitted("scaler", tmp_path / "wall.yaml", capsys)
-    assert found["verdict"] == "bad"
-    assert "none fits: joints turn up to 51 rad for a metre of a gripper (RF" in found["found"]
-    assert "expected at most 40 rad" in found["found"]
-    assert "RF is near a singular posture" in found["remedy"]
+    robot = load_robot("scaler")
+    found = first_wall.fitted(robot, load_model(robot), FRICTION, tmp_path / "wall.yaml")
+    assert found.verdict == "bad"
+    assert "none fits: joints turn up to 51 rad for a metre of a gripper (RF" in found.found
+    assert "expected at most 40 rad" in found.found
+    assert "RF is near a singular posture" in found.remedy
     assert not (tmp_path / "wall.yaml").exists()
 
 

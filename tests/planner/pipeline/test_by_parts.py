@@ -12,10 +12,12 @@ from crux_planner.pipeline.route import is_long
 from shared_plans import unproven
 from walls import scattered, scenario, two_rows
 
+FAR = scattered(8, rise_m=1.5, count=44)
+
 
 def test_a_far_climb_over_scattered_holds_is_one_plan_of_parts(robot: Robot) -> None:
     """Its own inertia and speeds hold all along, though every part has those of its own first pose."""
-    wall = with_objective(scenario(scattered(8, rise_m=1.5, count=44)), "balanced")
+    wall = with_objective(scenario(FAR), "balanced")
     result = unproven(wall, robot)
     assert "parts" in result.timing
     assert result.plan.plan_id == plan_id(result.plan)
@@ -30,5 +32,5 @@ def test_a_far_climb_over_scattered_holds_is_one_plan_of_parts(robot: Robot) -> 
 
 
 def test_a_climb_of_one_part_is_no_route() -> None:
-    assert is_long(scenario(scattered(8, rise_m=1.5, count=44)))
+    assert is_long(scenario(FAR))
     assert not is_long(scenario(two_rows()))

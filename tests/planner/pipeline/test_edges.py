@@ -88,6 +88,7 @@ def test_limbs_hold_walls_that_face_each_other() -> None:
     assert highest_m > ROBOT.grasp.max_swing_height_m  # which is about swings over an endless plane
 
 
+@pytest.mark.sweep
 def test_where_motors_leave_a_level_body_no_path_one_that_tilts_has_it() -> None:
     """Start and goal are level, as the map that is asked first: with that alone J is 20.0."""
     wall = yaml.safe_load((WALLS / "edge-60.yaml").read_text(encoding="utf-8"))
@@ -119,14 +120,14 @@ def test_the_papers_methods_are_about_one_endless_wall() -> None:
         crux_planner.plan(edge(*CONVEX), ROBOT, method="two_block")
 
 
-def test_limbs_in_a_corner_keep_off_the_trunk_wherever_holds_are() -> None:
+@pytest.mark.parametrize("name", ["corner-90", pytest.param("ridge-60", marks=pytest.mark.sweep)])
+def test_limbs_in_a_corner_keep_off_the_trunk_wherever_holds_are(name: str) -> None:
     """With holds off by as much as links otherwise keep off the trunk, and its start farther than boxes of reach go."""
     known = {"friction": 0.2, "hold_position_m": 0.005, "hold_yaw_deg": 3.0, "mass_kg": 0.5, "centre_of_mass_m": 0.01}
-    for name in ("corner-90", "ridge-60"):
-        wall = yaml.safe_load((WALLS / f"{name}.yaml").read_text(encoding="utf-8")) | {"uncertainty": known}
-        result = unproven(parse_scenario(wall), ROBOT, time_limit_s=40.0)
-        assert result.check.ok
-        assert any(each.constraint.endswith("_uncertain") for each in result.check.worst)
+    wall = yaml.safe_load((WALLS / f"{name}.yaml").read_text(encoding="utf-8")) | {"uncertainty": known}
+    result = unproven(parse_scenario(wall), ROBOT, time_limit_s=40.0)
+    assert result.check.ok
+    assert any(each.constraint.endswith("_uncertain") for each in result.check.worst)
 
 
 def test_a_start_out_of_reach_where_holds_may_be_is_named() -> None:
@@ -147,6 +148,7 @@ def test_a_palm_that_would_be_in_a_surface_is_named() -> None:
         crux_planner.plan(wall, ROBOT)
 
 
+@pytest.mark.sweep
 def test_over_an_edge_too_few_steps_are_said_with_how_many_are_enough() -> None:
     wall = edge(*CONVEX)
     wall["horizon"]["steps"] = 5
