@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 from crux_contracts.reading import MAX_TEXT
 from crux_contracts.records import Key, keys_of
-from crux_contracts.scenario_types import FACE_NAMES
+from crux_contracts.scenario_types import FACE_NAMES, Standing
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
 TEXT = {"type": "string", "minLength": 1, "maxLength": MAX_TEXT, "pattern": r"\S"}
@@ -21,7 +21,23 @@ def schema(keys: dict[str, Key], title: str, version: int) -> str:
     top = _record(title, keys)
     top["properties"]["version"] = {"const": version}
     top["required"].insert(0, "version")
+    if "footholds" in keys:
+        for part in ("start", "goal"):
+            _or_standing(top["properties"][part]["properties"]["grasps"])
     return json.dumps({"$schema": DRAFT, "title": title} | top, indent=1) + "\n"
+
+
+def _or_standing(grasps: dict[str, Any]) -> None:
+    """Lets limbs stand in place of a grasp."""
+    standing = _of_kind(Standing)
+    grasps["properties"] = {
+        limb: {name: value for name, value in grasp.items() if name != "required"}
+        | {
+            "properties": grasp["properties"] | standing["properties"],
+            "anyOf": [{"required": grasp["required"]}, {"required": standing["required"]}],
+        }
+        for limb, grasp in grasps["properties"].items()
+    }
 
 
 def _of_kind(kind: Any) -> dict[str, Any]:

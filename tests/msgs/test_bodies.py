@@ -226,3 +226,67 @@ def test_the_schema_takes_it_and_refuses_what_the_reader_refuses() -> None:
     steep = second()
     steep["holds"][0]["shape"]["lean_deg"] = {"+x": 60}
     assert wrong(schema, steep) == [".holds[0].shape.lean_deg.+x"]
+
+
+FEET = [{"name": "near", "position_m": [-0.14, 0.3, 0.0005]}, {"name": "side-on", "position_m": [0.3, 1.0, 0.2]}]
+
+
+def on_feet() -> dict[str, Any]:
+    """The wall with a surface at its side, and feet on both."""
+    wall = second()
+    wall["surfaces"].append(copy.deepcopy(SIDE))
+    wall["footholds"] = copy.deepcopy(FEET)
+    wall["start"]["grasps"]["LR"] = {"foothold": "near"}
+    wall["goal"]["grasps"] = {"LF": {"foothold": "side-on"}, "LR": {"hold": "LR", "faces": "x"}}
+    return wall
+
+
+def test_limbs_may_stand_on_surfaces() -> None:
+    read = parse_scenario(on_feet())
+    near, side = read.footholds
+    assert (near.friction, near.position_m, near.rpy_deg, near.surface) == (0.5, (-0.14, 0.3, 0.0), (0.0, 0.0, 0.0), "")
+    assert (side.friction, side.rpy_deg, side.surface) == (0.8, (90.0, 0.0, 0.0), "side")
+    assert side.position_m == pytest.approx((0.3, 1.0, 0.2))
+    assert (read.start.grasps["LR"].foothold, read.start.grasps["LF"].foothold) == ("near", "")
+    assert read.place_index(read.goal.grasps["LF"]) == len(read.cuboids) + 1
+    assert read.not_upright
+    assert wrong(read_schema("scenario-2.json"), on_feet()) == []
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "says"),
+    [
+        (("footholds", 0, "position_m"), [0.1, 0.2, 0.002], "[0.1, 0.2, 0.002]: is on no surface; expected one within"),
+        (("footholds", 1, "position_m"), [0.3, 1.0, 1.1], "is on no surface; expected one within 1 mm; side is 100 mm"),
+        (("footholds", 1, "position_m"), [0.3, 1.0], "footholds[1].position_m: a list of 2: expected a list of 3"),
+        (("footholds", 1, "name"), "near", "footholds[1].name: \"near\": expected a name of its own"),
+        (("footholds", 1, "name"), "LF", "footholds[1].name: \"LF\": expected a name of its own"),
+        (("footholds", 0, "friction"), 0.5, "footholds[0].friction: unknown key"),
+        (("start", "grasps", "LR"), {"foothold": "nearer"}, "no such foothold; did you mean near?"),
+        (("start", "grasps", "LR"), {"foothold": "LR"}, "no such foothold; expected near or side-on"),
+        (("start", "grasps", "RR"), {"foothold": "near"}, "expected a foothold of its own for RR; LR has this one"),
+        (("start", "grasps", "RR"), {"hold": "near", "faces": "x"}, "no such hold"),
+        (("start", "grasps", "LR"), {"foothold": "near", "faces": "x"}, "start.grasps.LR.faces: unknown key"),
+        (("contact",), {"model": "point"}, "footholds: a list of 2: does not go with contact.model point"),
+    ],
+)  # fmt: skip
+def test_what_feet_cannot_stand_on_is_named(place: tuple[str | int, ...], value: Any, says: str) -> None:
+    wall: Any = on_feet()
+    at = wall
+    for key in place[:-1]:
+        at = at[key]
+    at[place[-1]] = value
+    with pytest.raises(ScenarioError) as raised:
+        parse_scenario(wall)
+    assert says in str(raised.value)
+
+
+def test_files_of_version_1_have_no_footholds() -> None:
+    for change, says in (
+        ({"footholds": FEET}, "footholds: unknown key"),
+        ({"start": FIRST["start"] | {"grasps": {"LF": {"foothold": "near"}}}}, "start.grasps.LF.foothold: unknown key"),
+    ):
+        with pytest.raises(ScenarioError, match="unknown key") as raised:
+            parse_scenario(copy.deepcopy(FIRST) | change)
+        assert says in str(raised.value)
+        assert wrong(read_schema("scenario.json"), FIRST | change)

@@ -161,7 +161,7 @@ def test_a_changed_plan_with_right_checksums_is_refused(monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ("plan.format = 5", "plan format 5, this crux reads formats 1 to 4"),
+        ("plan.format = 6", "plan format 6, this crux reads formats 1 to 5"),
         (
             "plan.knots[4].body_rpy_rad = [0.0, float('nan'), 0.0]",
             r"knots\[4\]\.body_rpy_rad\[1\] nan, expected numbers of at most 1e\+09",

@@ -50,7 +50,7 @@ UNLOAD_BEGIN, UNLOAD_SPAN = 0.5, 0.45
 @dataclass(frozen=True)
 class GripperReference:
     """position_w_m (..., 3), yaw_w_rad (...), opening_m (...): pad face to gripper centre, as commanded; tilt_w_rad
-    (..., 2), see gripper_frames.
+    (..., 2), see gripper_frames. A foot on a foothold has its gripper's frame here too, not the foot point.
     """
 
     position_w_m: Array
@@ -77,7 +77,9 @@ def unload_ramp(u: ArrayLike) -> Array:
 
 
 def gripper_wrench(knot: limb_knot_t) -> Array:
-    """(6,) force and moment on the robot at the gripper centre: F = f1 + f2, M = sum (p_i - c) x f_i + m_i."""
+    """(6,) force and moment on the robot at the gripper centre, a foot's at its foot point: F = f1 + f2, M = sum
+    (p_i - c) x f_i + m_i.
+    """
     forces = np.asarray(knot.finger_force_w_n, dtype=float).reshape(2, 3)
     moments = np.asarray(knot.finger_moment_w_nm, dtype=float).reshape(2, 3)
     axis = gripper_rotation(knot.gripper_yaw_w_rad, knot.gripper_tilt_w_rad)[:, 0]
@@ -94,9 +96,21 @@ def knot_times_s(plan: plan_t) -> Array:
 
 
 def is_walk(plan: plan_t) -> bool:
-    """Every limb in stance stands on the surface itself (point feet)."""
+    """Every limb in stance stands on the surface itself (point feet), none on a foothold."""
     standing = [limb for knot in plan.knots for limb in knot.limbs if limb.phase == limb_knot_t.STANCE]
-    return all(limb.finger1_face == limb_knot_t.FACE_WALL for limb in standing)
+    return all(limb.finger1_face == limb_knot_t.FACE_WALL and limb.hold < 0 for limb in standing)
+
+
+def frame_position(plan: plan_t, limb: limb_knot_t) -> Array:
+    """(3,) in W of a gripper's frame at a knot of a climb: midway between the pads, which is above the foot point of a
+    limb that stands on a foothold.
+    """
+    place = np.array(limb.gripper_position_w_m, dtype=float)
+    if limb.phase != limb_knot_t.STANCE or limb.finger1_face != limb_knot_t.FACE_WALL or limb.hold < 0:
+        return place
+    up = gripper_rotation(limb.gripper_yaw_w_rad, limb.gripper_tilt_w_rad)[:, 2]
+    raised: Array = place + plan.holds[limb.hold].size_m[0] / 2 * up
+    return raised
 
 
 class PlanReference:
@@ -119,7 +133,7 @@ class PlanReference:
         """(N+1, 4)"""
         self.point_feet = is_walk(plan)
         self._check_swings(plan.format == plan_t.FORMAT or self.point_feet)
-        self._position_w_m = np.array([[limb.gripper_position_w_m for limb in knot] for knot in limbs], dtype=float)
+        self._position_w_m = np.array([[frame_position(plan, limb) for limb in knot] for knot in limbs])
         self._yaw_w_rad = np.array([[limb.gripper_yaw_w_rad for limb in knot] for knot in limbs], dtype=float)
         self._tilt_w_rad = np.array([[limb.gripper_tilt_w_rad for limb in knot] for knot in limbs], dtype=float)
         self._opening_m = np.array([[limb.finger_separation_m / 2 for limb in knot] for knot in limbs], dtype=float)
@@ -189,7 +203,7 @@ class PlanReference:
         return GripperReference(place, yaw + progress * (yaw_end - yaw), opening, tilted)
 
     def wrench(self, limb: int, k: int, u: ArrayLike) -> Array:
-        """(..., 6) planned force and moment on the robot at the gripper centre, frame W."""
+        """(..., 6) planned force and moment on the robot at the gripper centre, a foot's at its foot point, frame W."""
         here = self._wrench[k, limb]
         shifted_before = k == 0 or self._anyone_lets_go(k)
         before = here if shifted_before else self._wrench[k - 1, limb]

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from crux_msgs import plan_t
+from crux_msgs import hold_t, plan_t
 from crux_msgs.tables import MEMBERS
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
@@ -31,7 +31,7 @@ PLAN_TOPIC = BY_NAME[CRUX_PLAN].topic
 KNOT_TOPIC = f"{PLAN_TOPIC}/knot"
 ATTACHMENT = "scenario.yaml"
 LIBRARY = "crux"
-FORMATS = range(plan_t.FORMAT, plan_t.FORMAT_MOVING_FINGERS + 1)
+FORMATS = range(plan_t.FORMAT, plan_t.FORMAT_FEET + 1)
 MAX_BYTES = 32_000_000
 MAX_KNOTS = 4000
 MAX_HOLDS = 1000
@@ -213,8 +213,11 @@ def _check(plan: plan_t, name: str) -> None:
     if not MIN_DT_S <= plan.dt_s <= MAX_DT_S:
         raise PlanFileError(f"{name}: dt_s {plan.dt_s:g}, expected {MIN_DT_S:g}..{MAX_DT_S:g}")
     for index, hold in enumerate(plan.holds):
-        if min(hold.size_m) <= 0.0:
+        size_m = hold.size_m[:2] if hold.graspable == hold_t.FOOTHOLD else hold.size_m
+        if min(size_m) <= 0.0:
             raise PlanFileError(f"{name}: holds[{index}].size_m {list(hold.size_m)}, expected lengths above 0")
+        if hold.graspable == hold_t.FOOTHOLD and plan.format < plan_t.FORMAT_FEET:
+            raise PlanFileError(f"{name}: holds[{index}] is a foothold, expected those in format {plan_t.FORMAT_FEET}")
     for index, knot in enumerate(plan.knots):
         if not 0.0 <= knot.time_s <= MAX_TIME_S:
             raise PlanFileError(f"{name}: knots[{index}].time_s {knot.time_s:g}, expected 0..{MAX_TIME_S:g}")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from .reading import Checker
@@ -23,6 +23,7 @@ from .scenario_types import (
     POSITION,
     SIZE_M,
     VERSIONS,
+    Foothold,
     Grip,
     Hold,
     Obstacle,
@@ -38,6 +39,8 @@ LEAST_TOP_M = 0.005  # edges of a top that leaning faces leave
 UPRIGHT_DEG = 1e-6
 MAX_TURN_DEG = 90.0  # of a hold's top out of the wall's plane
 ON_WALL_M = 1e-9
+Place = tuple[float, float, float]
+ON_SURFACE_M = 1e-3  # of footholds, whose places are rounded
 MAX_EDGE_M = 100.0
 
 
@@ -112,6 +115,7 @@ class Bodies:
     surfaces: tuple[Surface, ...] = key(REQUIRED, most=MAX_SURFACES, means="planes and rectangles")
     holds: tuple[BoxHold, ...] = key((), most=MAX_CUBOIDS, means="bodies over which grippers close")
     obstacles: tuple[Box, ...] = key((), most=MAX_CUBOIDS, means="bodies that nothing may touch; holds are, too")
+    footholds: tuple[Foothold, ...] = key((), most=MAX_CUBOIDS, means="places on surfaces where limbs may stand")
 
 
 REPLACED = ("wall", "holds", "obstacles")
@@ -141,6 +145,11 @@ def as_first(read: dict[str, Any], members: Mapping[str, Node], check: Checker) 
     for name in ("holds", "obstacles"):
         for node, body in zip(_items(members.get(name)), bodies[name], strict=False):
             _can_be(node, body, endless, check)
+    nodes = _items(members.get("footholds"))
+    if bodies["footholds"] and getattr(read.get("contact"), "model", "patch") == "point":
+        check.note(members["footholds"], "does not go with contact.model point: feet stand anywhere on the plane z = 0")
+    pairs = [each for each in zip(nodes, bodies["footholds"], strict=False) if each[1].position_m is not None]
+    stood_on = [_on_surface(node, foothold, surfaces, check) for node, foothold in pairs]
     slope = math.degrees(math.atan2(math.hypot(*gravity[:2]), -gravity[2]))
     friction = next((each.friction for each in surfaces if each.plane is not None), 0.0)
     slabs = tuple(_slab(each) for each in surfaces if each.rectangle is not None) if not check.problems else ()
@@ -148,7 +157,48 @@ def as_first(read: dict[str, Any], members: Mapping[str, Node], check: Checker) 
         "wall": Wall(slope, friction, gravity, slabs, endless),
         "holds": tuple(_hold(body) for body in bodies["holds"]) if not check.problems else (),
         "obstacles": tuple(Obstacle(**_cuboid(body)) for body in bodies["obstacles"]) if not check.problems else (),
+        "footholds": tuple(stood_on) if not check.problems else (),
     }
+
+
+def _on_surface(node: Node, foothold: Foothold, surfaces: tuple[Surface, ...], check: Checker) -> Foothold:
+    """The foothold on the nearest surface, as that has it."""
+    found = [(_off_surface(foothold.position_m, each), each) for each in surfaces if _is_whole(each)]
+    (place, nearest), best = min(found, key=lambda each: each[0][1], default=((foothold.position_m, math.inf), None))
+    if best is None or nearest > ON_SURFACE_M:
+        where = "" if best is None else f"; {best.name} is {1e3 * nearest:.3g} mm away"
+        shown = ", ".join(f"{each:g}" for each in foothold.position_m)
+        check.note_at(node, "position_m", f"[{shown}]", f"is on no surface; expected one within 1 mm{where}")
+        return foothold
+    bounded, turned = "", (0.0, 0.0, 0.0)
+    if best.rectangle is not None:
+        bounded, turned = best.name, best.rectangle.pose.rpy_deg
+    return replace(foothold, position_m=place, friction=best.friction, rpy_deg=turned, surface=bounded)
+
+
+def _is_whole(surface: Surface) -> bool:
+    """Whether nothing that was noted as missing keeps it from being somewhere."""
+    rectangle = surface.rectangle
+    return surface.plane is not None or (
+        rectangle is not None
+        and rectangle.pose is not None
+        and rectangle.size_m is not None
+        and rectangle.pose.position_m is not None
+    )
+
+
+def _off_surface(place_m: Place, surface: Surface) -> tuple[Place, float]:
+    """The nearest place of the surface's own plane, and how far off the surface a place is."""
+    if surface.rectangle is None:
+        return (place_m[0], place_m[1], 0.0), abs(place_m[2])
+    pose, size = surface.rectangle.pose, surface.rectangle.size_m
+    away = [a - b for a, b in zip(place_m, pose.position_m, strict=True)]
+    roll, pitch, yaw = map(math.radians, pose.rpy_deg)
+    axes = axes_of((roll, pitch, yaw))
+    x, y, z = (sum(a * b for a, b in zip(away, axis, strict=True)) for axis in axes)
+    onto = tuple(a - z * b for a, b in zip(place_m, axes[2], strict=True))
+    beyond = (max(abs(x) - size[0] / 2, 0.0), max(abs(y) - size[1] / 2, 0.0), z)
+    return (onto[0], onto[1], onto[2]), math.hypot(*beyond)
 
 
 def _items(node: Node | None) -> list[Node]:

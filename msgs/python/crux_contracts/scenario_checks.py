@@ -104,7 +104,7 @@ def _footprint(node: Node) -> Footprint | None:
 def check_places(check: Checker, keys: dict[str, Node]) -> None:
     """Nothing stands far from the way between start and goal and from all else: what does is likely in another unit."""
     ends = [_items(_members(_members(keys.get(part)).get("body")).get("position_m")) for part in ("start", "goal")]
-    cuboids = [*_items(keys.get("holds")), *_items(keys.get("obstacles"))]
+    cuboids = [node for part in ("holds", "obstacles", "footholds") for node in _items(keys.get(part))]
     places = [
         _members(_members(each).get("pose")).get("position_m", _members(each).get("position_m")) for each in cuboids
     ]
@@ -128,7 +128,7 @@ def _edge(way: list[float], values: list[float]) -> float:
 
 def check_cuboids(check: Checker, keys: dict[str, Node]) -> None:
     """Names are unique; nothing stands in something else."""
-    nodes = [*_items(keys.get("holds")), *_items(keys.get("obstacles"))]
+    nodes = [node for part in ("holds", "obstacles", "footholds") for node in _items(keys.get(part))]
     first_with: dict[str, Node] = {}
     for node in nodes:
         name = _members(node).get("name")
@@ -164,15 +164,18 @@ def _near(footprints: list[Footprint]) -> Iterator[tuple[int, int]]:
 
 
 def check_grasps(check: Checker, keys: dict[str, Node]) -> None:
-    """Every grasp names a hold, and of a start a grip that it has; no hold has two limbs."""
+    """Every grasp names a hold, and of a start a grip that it has, or a foothold; none of these has two limbs."""
     holds = [_members(node).get("name") for node in _items(keys.get("holds"))]
     bodies = {name.content: node for name, node in zip(holds, _items(keys.get("holds")), strict=True) if name}
     known = [node.content for node in holds if node is not None and isinstance(node.content, str)]
     obstacles = [_members(node).get("name") for node in _items(keys.get("obstacles"))]
     forbidden = {node.content for node in obstacles if node is not None}
+    footholds = [str(_members(node)["name"].content) for node in _items(keys.get("footholds"))]
     for part in ("start", "goal"):
         taken: dict[str, str] = {}
         for limb, grasp in _members(_members(keys.get(part)).get("grasps")).items():
+            if (foothold := _members(grasp).get("foothold")) is not None:
+                _check_foothold(check, foothold, limb, footholds, taken)
             hold = _members(grasp).get("hold")
             if hold is None or not isinstance(hold.content, str):
                 continue
@@ -185,6 +188,17 @@ def check_grasps(check: Checker, keys: dict[str, Node]) -> None:
             else:
                 taken[hold.content] = limb
                 _check_grip(check, part, _members(grasp), bodies[hold.content])
+
+
+def _check_foothold(check: Checker, named: Node, limb: str, known: list[str], taken: dict[str, str]) -> None:
+    """A foothold that is there, and that no other limb stands on."""
+    name = str(named.content)
+    if name not in known:
+        hint = did_you_mean(name, known) if known else "the scenario has no footholds"
+        check.note(named, f"no such foothold; {hint}")
+    elif name in taken:
+        check.note(named, f"expected a foothold of its own for {limb}; {taken[name]} has this one")
+    taken.setdefault(name, limb)
 
 
 def _check_grip(check: Checker, part: str, grasp: dict[str, Node], hold: Node) -> None:

@@ -23,6 +23,7 @@ from .scenario_types import (
     PlannerOptions,
     Scenario,
     ScenarioError,
+    Standing,
     Start,
     Uncertainty,
 )
@@ -50,6 +51,7 @@ class _Reader(Records):
     def __init__(self, path: str, any_robot: bool) -> None:
         super().__init__(path)
         self.any_robot, self.model = any_robot, ""  # of contact, where it is known
+        self.version = VERSIONS[0]
 
     def scenario(self, root: Node, text: str) -> Scenario:
         check, version = self.check, _members(root).get("version")
@@ -57,7 +59,8 @@ class _Reader(Records):
         if version is not None and not known:
             says = f"this crux reads scenario versions {VERSIONS[0]} and {VERSIONS[1]}"
             raise ScenarioError(check.path, [Problem("version", version.shown(), says, version.line)])
-        keys = keys_of_version(VERSIONS[0] if version is None else int(str(version.content)))
+        self.version = VERSIONS[0] if version is None else int(str(version.content))
+        keys = keys_of_version(self.version)
         required = ["version", *(name for name, key in keys.items() if key.required)]
         members = check.members(root, required, [name for name in keys if name not in required])
         ordered = sorted((name for name in keys if name in members), key=lambda name: name != "contact")
@@ -75,6 +78,9 @@ class _Reader(Records):
         return Scenario(**read, yaml_text=text, path=check.path)
 
     def record(self, kind: type[T], *nodes: Node, place: str = "") -> T:
+        if kind is Grasp and self.version > VERSIONS[0] and "foothold" in _members(nodes[0]):
+            standing: Any = Grasp("", "", foothold=super().record(Standing, *nodes, place=place).foothold)
+            return standing  # type: ignore[no-any-return]
         made = super().record(kind, *nodes, place=place)
         if isinstance(made, Grasp) and made.finger1 is not None:
             self.check.choice(_members(nodes[0])["finger1"], (f"+{made.faces or 'x'}", f"-{made.faces or 'x'}"))

@@ -180,6 +180,25 @@ class Hold(Cuboid):
 
 
 @dataclass(frozen=True)
+class Foothold:
+    """A place on a surface where a gripper may stand with both pads: it pushes, and never pulls. Of version 2."""
+
+    name: str = key(REQUIRED, means="any text, each name once, of holds and obstacles too")
+    position_m: tuple[float, float, float] = key(REQUIRED, *POSITION, "x, y, z in W: on a surface, to a millimetre")
+    friction: float = 0.0
+    """the surface's, as all that follows"""
+    rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """R = Rz(yaw) Ry(pitch) Rx(roll) turns W <- the surface's own axes, its normal last"""
+    surface: str = ""
+    """name of a bounded one; empty: the plane z = 0"""
+
+    @property
+    def rpy_rad(self) -> tuple[float, float, float]:
+        roll, pitch, yaw = self.rpy_deg
+        return (math.radians(roll), math.radians(pitch), math.radians(yaw))
+
+
+@dataclass(frozen=True)
 class Obstacle(Cuboid):
     """A cuboid to be kept clear of."""
 
@@ -190,6 +209,15 @@ class Grasp:
     faces: str = key(REQUIRED, words=("x", "y"), means="the pair of faces: +x and -x, or +y and -y")
     finger1: str | None = key(None, words=FACE_NAMES[:4], means="face under finger 1, if both ways fit", reader="plain")
     grip: int | None = key(None, 0, MOST_GRIPS - 1, means="of a start: which of the hold's grips on these faces (any)")
+    foothold: str = ""
+    """name of the foothold on which the limb stands instead: then `hold` and `faces` are empty"""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """In place of a grasp, in a file of version 2."""
+
+    foothold: str = key(REQUIRED, means="name of the foothold")
 
 
 @dataclass(frozen=True)
@@ -307,6 +335,7 @@ class Scenario:
     horizon: Horizon = key(REQUIRED, means="steps of the plan")
     uncertainty: Uncertainty | None = key(None, means="of climbs: the plan holds at its corners", reader="uncertainty")
     planner: PlannerOptions = key(PlannerOptions(), means="how it is planned")
+    footholds: tuple[Foothold, ...] = ()
     yaml_text: str = field(repr=False)
     path: str = "scenario"
 
@@ -317,7 +346,7 @@ class Scenario:
 
     @property
     def cuboids(self) -> tuple[Cuboid, ...]:
-        """Holds, then obstacles: the order of plan_t.holds."""
+        """Holds, then obstacles: the order of plan_t.holds, in which footholds follow."""
         return (*self.holds, *self.obstacles)
 
     @property
@@ -327,20 +356,23 @@ class Scenario:
 
     @property
     def tilts(self) -> bool:
-        """Whether some hold is turned out of the wall's plane, or a grip of one is at an angle."""
-        return any(any(hold.tilt_deg) or hold.tilted_grips for hold in self.holds)
+        """Whether some hold or foothold is turned out of the wall's plane, or a grip of one is at an angle."""
+        return any(any(hold.tilt_deg) or hold.tilted_grips for hold in self.holds) or any(
+            any(foothold.rpy_deg[:2]) for foothold in self.footholds
+        )
 
     @property
     def not_upright(self) -> str:
-        """The first surface that is bounded, hold or obstacle that leans or is turned, or hold on which pads bear in
-        part or with a grip at an angle, in words; empty where all are upright on one endless wall.
+        """The first foothold, surface that is bounded, hold or obstacle that leans or is turned, or hold on which pads
+        bear in part or with a grip at an angle, in words; empty where all are upright on one endless wall, and grip.
         """
         bounded = (f"the surface {slab.name} is bounded" for slab in self.wall.slabs)
         leaning = (f"{hold.name} has faces that lean" for hold in self.holds if hold.leans)
         turned = (f"{each.name} is turned out of the wall's plane" for each in self.cuboids if each.turned)
         in_part = (f"pads bear in part on {hold.name}" for hold in self.holds if min(hold.pad_share) < 1.0)
         at_angles = (f"a grip of {hold.name} is at an angle" for hold in self.holds if hold.tilted_grips)
-        return next(itertools.chain(leaning, turned, bounded, in_part, at_angles), "")
+        stood_on = (f"limbs may stand on {foothold.name}" for foothold in self.footholds)
+        return next(itertools.chain(leaning, turned, bounded, in_part, at_angles, stood_on), "")
 
     def hold_index(self, name: str) -> int:
         """Index of a hold by name; KeyError for an unknown one."""
@@ -348,3 +380,12 @@ class Scenario:
             if hold.name == name:
                 return index
         raise KeyError(name)
+
+    def place_index(self, grasp: Grasp) -> int:
+        """Index into plan_t.holds of what a limb grips or stands on; KeyError for an unknown name."""
+        if not grasp.foothold:
+            return self.hold_index(grasp.hold)
+        for index, foothold in enumerate(self.footholds):
+            if foothold.name == grasp.foothold:
+                return len(self.cuboids) + index
+        raise KeyError(grasp.foothold)
