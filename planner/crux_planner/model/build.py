@@ -11,7 +11,7 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.gripper_frames import gripper_rotation
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Scenario
+from crux_contracts.scenario import Grasp, Scenario
 
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.arrays import Array
@@ -25,6 +25,7 @@ from crux_planner.model.contacts import (
 )
 from crux_planner.model.cuboids import Cuboids, cuboids_of
 from crux_planner.model.faces import PASSING_CLEARANCE_M, smooth_faces
+from crux_planner.model.footholds import Stands
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, composite_inertia
@@ -66,7 +67,8 @@ def build_problem(
     limits = _swing_limits(scenario, robot, reach.box, clearance_m, surfaces)
     cuboids = cuboids_of(scenario.cuboids, heading)
     turn_rad = float(goal.rpy_rad[2])
-    contacts, unusable = Offers.of(scenario, robot, cuboids, surfaces, shape, limits, off_centre, turn_rad).contacts()
+    offers = Offers.of(scenario, robot, cuboids, surfaces, shape, limits, off_centre, turn_rad)
+    contacts, unusable = _with_footholds(offers, heading, turn_rad)
     contacts += [_in_air(limb, scenario, heading, cuboids, shape) for limb in scenario.start.air]
     begin = start_contacts(scenario, robot, start, contacts, unusable, robot.grasp.gripper_yaw_rad)
     contact, (tolerance_m, tolerance_rad) = scenario.contact, (scenario.goal.tolerance_m, scenario.goal.tolerance_rad)
@@ -80,7 +82,7 @@ def build_problem(
         patch=Patch(contact.patch_k_m, contact.max_normal_N, contact.spine_shear_N, contact.spine_twist_Nm),
         cuboids=cuboids,
         surfaces=surfaces,
-        hold_names=[hold.name for hold in scenario.holds],
+        hold_names=_names(scenario),
         contacts=contacts,
         limb_contacts=_limb_contacts(scenario, contacts, begin),
         start_contacts=(begin[0], begin[1], begin[2], begin[3]),
@@ -106,6 +108,25 @@ def build_problem(
     return problem if scenario.uncertainty is None else problem.sure_of(scenario.uncertainty)
 
 
+def _with_footholds(
+    offers: Offers, heading_rad: float, final_yaw_rad: float
+) -> tuple[list[Contact], dict[tuple[int, int], str]]:
+    """Grasps and stands that the wall offers, and why a hold and pair, or a foothold, offers none."""
+    contacts, unusable = offers.contacts()
+    if not offers.scenario.footholds:
+        return contacts, unusable
+    given = offers.scenario, offers.cuboids, offers.surfaces, offers.shape, heading_rad, offers.yaw_range
+    stands, why = Stands(*given, final_yaw_rad, min(offers.limits.clearance_m, TIGHT_CLEARANCE_M)).contacts()
+    return contacts + stands, unusable | why
+
+
+def _names(scenario: Scenario) -> list[str]:
+    """Of holds; where limbs may stand, of all cuboids and footholds, as plan_t.holds has them."""
+    if not scenario.footholds:
+        return [hold.name for hold in scenario.holds]
+    return [each.name for each in (*scenario.cuboids, *scenario.footholds)]
+
+
 def _is_about_climbs(scenario: Scenario, robot: Robot) -> None:
     """Raises ScenarioError where contacts or what is uncertain cannot be planned for."""
     if scenario.contact.model != "patch":
@@ -113,6 +134,12 @@ def _is_about_climbs(scenario: Scenario, robot: Robot) -> None:
     if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
         most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
         raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)
+    if scenario.uncertainty is not None and scenario.footholds:
+        standing = f"is not supported yet where limbs may stand, as on {scenario.footholds[0].name}"
+        raise wrong(scenario, "uncertainty", "", standing)
+    if scenario.planner.objective != "paper" and scenario.footholds:
+        standing = f"expected paper: other paces are not supported yet where limbs may stand, as on {_names(scenario)[-1]}"
+        raise wrong(scenario, "planner.objective", scenario.planner.objective, standing)
     if scenario.uncertainty is not None and scenario.leans:
         leaning = next(hold.name for hold in scenario.holds if hold.leans)
         raise wrong(scenario, "uncertainty", "", f"is not supported yet where {leaning} has faces that lean")
@@ -252,13 +279,15 @@ def start_contacts(
             chosen.append(begun[limb])
             continue
         grasp = scenario.start.grasps[limb]
-        hold, pair = scenario.hold_index(grasp.hold), PAIR_NAMES.index(grasp.faces)
+        hold, pair = _wanted(scenario, grasp)
         finger = scenario.contact.spines_only.get(limb, 0)
         found = [i for i, c in enumerate(contacts) if (c.hold, c.pair, c.spines_only) == (hold, pair, finger)]
         if not found:
             why = unusable.get((hold, pair), f"finger {finger} never presses, so its face needs spines")
-            raise wrong(scenario, f"start.grasps.{limb}", f"{grasp.hold}, faces {grasp.faces}", why)
-        found = [i for i in found if grasp.finger1 in (None, FACE_NAMES[contacts[i].finger1_face])]
+            shown = grasp.foothold or f"{grasp.hold}, faces {grasp.faces}"
+            raise wrong(scenario, f"start.grasps.{limb}", shown, why)
+        if not grasp.foothold:
+            found = [i for i in found if grasp.finger1 in (None, FACE_NAMES[contacts[i].finger1_face])]
         found = [i for i in found if low <= contacts[i].yaw_rad <= high]
         if not found:
             beyond = "expected the other face: with this one the gripper would be turned beyond its range"
@@ -275,7 +304,10 @@ def start_contacts(
 def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int], str]) -> dict[int, tuple[int, int]]:
     wanted = {}
     for limb, grasp in scenario.goal.grasps.items():
-        key = (scenario.hold_index(grasp.hold), PAIR_NAMES.index(grasp.faces))
+        key = _wanted(scenario, grasp)
+        if key in unusable and grasp.foothold:
+            text = f"goal.grasps.{limb}: no gripper can stand on {grasp.foothold}: {unusable[key]}"
+            raise InfeasibleError("goal grasp", text)
         if key in unusable:
             spanned = {(g.contact.hold, g.contact.pair) for g in all_grips(scenario, robot, 0.0)}
             raise InfeasibleError(
@@ -286,6 +318,11 @@ def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int
             )
         wanted[LIMB_NAMES.index(limb)] = key
     return wanted
+
+
+def _wanted(scenario: Scenario, grasp: Grasp) -> tuple[int, int]:
+    """Hold and pair of a grasp; a foothold, as contacts number it, and 0."""
+    return scenario.place_index(grasp), 0 if grasp.foothold else PAIR_NAMES.index(grasp.faces)
 
 
 def start_inertia(robot: Robot, start: Pose, grasps: list[Contact]) -> Array:

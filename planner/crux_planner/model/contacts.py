@@ -77,6 +77,7 @@ class Contact:
     pad_radius_m: float = 0.0  # pads are balls that touch a leaning face beside the opening axis
     tilt_rad: Array | None = None  # (2,) of the gripper, see model.hands; None where all of a problem are upright
     grip: int = 0  # number of the hold's grips on these faces
+    foot: bool = False  # it stands on a foothold, number `hold` after the cuboids, see model.footholds
 
     @property
     def grip_friction(self) -> Array:
@@ -124,6 +125,11 @@ class Contact:
     def leans(self) -> bool:
         """Whether a face is not across the opening axis."""
         return bool(self.lean_rad.any())
+
+    @property
+    def place_h_m(self) -> Array:
+        """(3,) of a foothold, below its gripper's centre."""
+        return np.asarray(self.centre_h_m - self.pad_radius_m * self.up)
 
     @property
     def normals(self) -> Array:

@@ -90,10 +90,20 @@ def wrench_bounds(problem: Problem, contact: Contact) -> tuple[Array, Array]:
     What a finger keeps in reserve of its limit surface it presses more: the cone's apex stays out of reach of solvers.
     """
     press, free = problem.friction_share * problem.patch.max_normal_N, np.full(3, np.inf)
+    if contact.foot:
+        return foot_bounds(contact, press, problem.surface_reserve_N / problem.friction_share)
     friction = problem.friction_share * contact.grip_friction
     reserve = np.divide(problem.surface_reserve_N, friction, out=np.zeros(2), where=friction > 0.0)
     low, high = (LEAST_NORMAL_N + reserve) * contact.may_press, press * contact.may_press
     return np.concatenate([-free, low]), np.concatenate([free, high])
+
+
+def foot_bounds(contact: Contact, most_N: float, reserve_N: float) -> tuple[Array, Array]:
+    """The same of a foot, whose pads have half of its normal force each and no twist, and may be drawn either way along
+    the opening axis.
+    """
+    least_N = (LEAST_NORMAL_N + reserve_N / float(contact.friction.min())) / 2
+    return np.array([-np.inf, least_N, 0.0, -most_N, -most_N]), np.array([np.inf, most_N / 2, 0.0, most_N, most_N])
 
 
 def rate_steps(problem: WalkProblem) -> Array:

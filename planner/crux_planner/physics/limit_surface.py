@@ -74,8 +74,11 @@ def in_face(lift: Any, press: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
 _UNITS = ((1.0, 0.0), (0.0, 1.0))  # of lift, and of press
 
 
-def grip_rows(limits: list[FingerLimit], directions: Array, reach: Array, most_N: Array) -> tuple[Array, Array]:
-    """(A, b), A @ (s1, s2, m, F, n) <= b of a grip: limit surface, and normal forces up to `most_N` (2,) a finger.
+def grip_rows(
+    limits: list[FingerLimit], directions: Array, reach: Array, most_N: Array, foot: bool = False
+) -> tuple[Array, Array]:
+    """(A, b), A @ (s1, s2, m, F, n) <= b of a grip: limit surface, and normal forces up to `most_N` (2,) a finger, of a
+    foot up to the least of these in all.
 
     `directions` and `reach` are those of a polytope; n >= 0 is left to the caller.
     """
@@ -91,6 +94,8 @@ def grip_rows(limits: list[FingerLimit], directions: Array, reach: Array, most_N
             rows.append(np.hstack([directions, -side / 2 * load, -load]))
         right.append(np.abs(directions) @ spines)
     each = np.array([[0.0, 0.0, 0.0, 1.0, 1.0], [0.0, 0.0, 0.0, -1.0, 1.0]])
+    if foot:
+        return np.vstack([*rows, [0.0, 2.0, 0.0, 0.0, 0.0]]), np.concatenate([*right, [most_N.min()]])
     if len(limits) == 1:
         return np.vstack([*rows, each]), np.concatenate([*right, most_N])
     each[:, 3] /= 2

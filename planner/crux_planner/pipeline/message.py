@@ -11,7 +11,7 @@ from crux_contracts.interpolation import is_walk
 from crux_contracts.plan_file import plan_id
 from crux_contracts.plan_series import PlanSeries, plan_series
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Hold, Scenario
+from crux_contracts.scenario import Foothold, Hold, Scenario
 from crux_msgs import plan_t
 
 from crux_planner.errors import FOR_ALL_REACH, FOR_ITS_REACH
@@ -183,8 +183,15 @@ def plan_message(
     if problem.leans:
         parts = [(_NOWHERE, _NOWHERE) if c is None else (c.normals, c.touch_m) for c in held]
         leaning = np.array([normals for normals, _ in parts]), np.array([touch for _, touch in parts])
-    fingers = finger_forces(q, axes, tangents, leaning, ups)
-    return _with_knots(plan, problem, solution.body, schedule.poses, fingers, grips)
+    forces, moments = finger_forces(q, axes, tangents, leaning, ups)
+    poses = schedule.poses.copy()
+    feet = np.array([c is not None and c.foot for c in held])
+    if feet.any():
+        plan.format = plan_t.FORMAT_FEET
+        forces[feet] = forces[feet].mean(axis=1, keepdims=True)
+        moments[feet] = 0.0
+        poses.reshape(len(held), -1)[feet, :3] = [c.place_h_m for c in held if c is not None and c.foot]
+    return _with_knots(plan, problem, solution.body, poses, (forces, moments), grips)
 
 
 def walk_message(
@@ -263,6 +270,7 @@ def plan_header(scenario: Scenario, robot: Robot, cost: float, method: str = "au
     plan.goal_tolerance_m = scenario.goal.tolerance_m
     plan.goal_tolerance_rad = scenario.goal.tolerance_rad
     plan.holds = [_hold(cuboid) for cuboid in scenario.cuboids]
+    plan.holds += [_foothold(foothold, robot.gripper.pad_radius_m) for foothold in scenario.footholds]
     plan.n_holds = len(plan.holds)
     return plan
 
@@ -279,6 +287,15 @@ def _hold(cuboid: Any) -> Any:
     hold.friction = list(cuboid.friction) if graspable else [0.0] * 5
     hold.spines = [int(s) for s in cuboid.spines] if graspable else [0] * 5
     hold.lean_rad = list(cuboid.lean_rad) if graspable else [0.0] * 4
+    return hold
+
+
+def _foothold(foothold: Foothold, pad_radius_m: float) -> Any:
+    hold = crux_msgs.hold_t()
+    roll, pitch, hold.yaw_rad = foothold.rpy_rad
+    hold.name, hold.graspable, hold.tilt_rad = foothold.name, hold.FOOTHOLD, [roll, pitch]
+    hold.position_w_m, hold.size_m = list(foothold.position_m), [2 * pad_radius_m, 2 * pad_radius_m, 0.0]
+    hold.friction = [0.0, 0.0, 0.0, 0.0, foothold.friction]
     return hold
 
 

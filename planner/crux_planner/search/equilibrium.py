@@ -86,7 +86,8 @@ class StaticEquilibrium(StaticBalance):
         """(A, b), A @ (s1, s2, m, F, n) <= b: limit surface and largest normal force, at the margin."""
         if contact not in self._rows:
             limits, reach = self.limits[contact], self.margin * self.reach
-            self._rows[contact] = grip_rows(limits, self.directions, reach, self.press_N[contact])
+            foot = self.problem.contacts[contact].foot
+            self._rows[contact] = grip_rows(limits, self.directions, reach, self.press_N[contact], foot)
         return self._rows[contact]
 
     def missing_force(

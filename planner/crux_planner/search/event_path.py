@@ -135,9 +135,13 @@ class EventPath:
         count = len(self._load) * len(surfaces)
         rows = np.zeros((count + 4, _WRENCH))
         rows[:count, [0, 1, 2, 3, 5 if len(surfaces) == 1 else 4]] = rows_of_grip[:count]
-        rows[count:, 3:] = [[0.5, -1.0, 1.0], [-0.5, -1.0, 1.0], [0.5, 1.0, 0.0], [-0.5, 1.0, 0.0]]
+        foot = self.problem.contacts[contact].foot
+        if foot:  # its two pads press together, by what is across the axis, and squeeze nothing
+            rows[count:, 1] = [-2.0, -2.0, 2.0, 2.0]
+        else:
+            rows[count:, 3:] = [[0.5, -1.0, 1.0], [-0.5, -1.0, 1.0], [0.5, 1.0, 0.0], [-0.5, 1.0, 0.0]]
         right = np.concatenate([right_of_grip[:count], [0.0, 0.0], press_N])
-        least = LEAST_NORMAL_N if self.problem.contacts[contact].may_press.all() else 0.0
+        least = LEAST_NORMAL_N if self.problem.contacts[contact].may_press.all() and not foot else 0.0
         low = np.concatenate([-bound[:4], [0.0, least]])
         return Grip(rows, right, low, bound, np.pad(self.equilibrium.maps[contact], ((0, 0), (0, 2))), self._effort)
 

@@ -81,7 +81,7 @@ def plan_swing(
         limits = replace(limits, slabs=frame.cuboids(limits.slabs), floor_m=-np.inf)
         body_line_h_m = frame.plan_line(body_line_h_m)
     if not limits.endless:
-        limits = limits.over(given[2].foot_m[[each.hold for each in (start, end) if each.hold >= 0], 2])
+        limits = limits.over(np.array([_foot_m(each, given[2]) for each in given[:2] if each.hold >= 0]))
     straight = _stations(*given[:2], [], max(contact.centre_h_m[2] for contact in given[:2]))
     if len(limits.slabs.yaw_rad) and _clear_height(*given[:2], straight, given[2], shape, limits, alone=True) is None:
         return None  # what is around holds does not help
@@ -133,7 +133,8 @@ def least_intervals(contacts: list[Contact], limits: SwingLimits) -> Array:
 
 def column_gap(points: Array, cuboids: Cuboids) -> Array:
     """Least plan-view distance (V,) of points (..., 3) to each cuboid."""
-    return np.asarray(cuboids.plan_distance(points).reshape(-1, len(cuboids.yaw_rad)).min(axis=0))
+    count = len(cuboids.yaw_rad)
+    return np.asarray(cuboids.plan_distance(points).reshape(-1, count).min(axis=0)) if count else np.zeros(0)
 
 
 def footprint(pose: Array, half_length: Array | float) -> Array:
@@ -198,7 +199,7 @@ def _clear_height(
         finger_m = float((np.abs(along) * (samples[:, 4] + 2 * shape.pad_radius)).max())
         lowest = shape.finger_height * up - length * np.abs(along) - shape.pad_radius * np.abs(across)
         palm_m = float(lowest.min())
-    own_top = cuboids.top_m[[contact.hold for contact in (start, end) if contact.hold >= 0]]
+    own_top = np.array([_top_m(contact, cuboids) for contact in (start, end) if contact.hold >= 0])
     overhead_m, slabs = limits.overhead_m(shape), limits.slabs
     if alone:
         cuboids = cuboids.some(np.isin(np.arange(len(cuboids.yaw_rad)), [start.hold, end.hold]))
@@ -215,6 +216,16 @@ def _clear_height(
         beside_m = shape.pad_radius + limits.body_clearance_m
         height = max(height, slabs.top_near(columns, beside_m) + limits.body_clearance_m - palm_m)
     return float(height + HEIGHT_RESERVE_M) if height + HEIGHT_RESERVE_M <= limits.max_height_m else None
+
+
+def _foot_m(contact: Contact, cuboids: Cuboids) -> float:
+    """Height of the middle of a hold's foot, or of a foothold."""
+    return float(contact.place_h_m[2] if contact.foot else cuboids.foot_m[contact.hold, 2])
+
+
+def _top_m(contact: Contact, cuboids: Cuboids) -> float:
+    """Height of the top of a hold, or of a foothold."""
+    return float(contact.place_h_m[2] if contact.foot else cuboids.top_m[contact.hold])
 
 
 def _candidate_ways(

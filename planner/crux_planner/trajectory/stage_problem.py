@@ -180,6 +180,8 @@ class StageProblem:
                 high[knots, limbs, :3] = spines[~rough].min(axis=0)
             for part in (slice(0, 3), slice(WRENCH_INPUTS, COLUMN)):
                 low[knots, limbs, part] = -high[knots, limbs, part]
+            if contact.foot:
+                low[knots, limbs, 1] = bounds[0][1] / scale[1]  # it never pulls
         return low, high
 
     def split(self, rows: Array) -> list[Array]:
