@@ -48,7 +48,7 @@ def check_bounds(
     for limb in range(4):
         opening = 0.5 * plan.separation[:, limb]
         low, high = robot.gripper.opening_m
-        applies = ~plan.on_wall[:, limb]
+        applies = ~plan.on_wall[:, limb]  # of feet among grips, too
         beyond = np.where(applies, np.maximum(low - opening, opening - high), -np.inf)
         findings.add_series("finger_opening", beyond, times, "m", limb=limb)
         yaw = (plan.gripper_yaw[:, limb] - plan.body_rpy[:, 2] + np.pi) % (2.0 * np.pi) - np.pi

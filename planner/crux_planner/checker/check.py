@@ -20,6 +20,7 @@ from crux_planner.checker.equilibrium import (
     shared_load,
     tumble_margin,
 )
+from crux_planner.checker.feet import check_feet, on_surfaces
 from crux_planner.checker.kinematics import check_kinematics
 from crux_planner.checker.limb_clearance import check_limb_clearance
 from crux_planner.checker.limb_model import load_model
@@ -61,6 +62,7 @@ def check_plan(plan: plan_t, robot: Robot | str | Path) -> CheckReport:
 def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Findings, report: CheckReport) -> None:
     """All checks that need a plan of sound form, a robot and a scenario."""
     model, point = load_model(robot), scenario.contact.model == "point"
+    plan = on_surfaces(plan, scenario, robot, findings)
     paced = plan.own_times and scenario.planner.objective != "paper"
     check_bounds(plan, robot, point, paced, findings, endless=scenario.wall.endless)
     if paced:
@@ -68,7 +70,8 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
     check_contact(plan, scenario, robot, findings)
     check_ends(plan, scenario, findings)
     report.cost = None if point else cost(plan, scenario)
-    report.friction_margin_N = check_limit_surface(plan, scenario, findings)
+    margins_N = check_limit_surface(plan, scenario, findings), check_feet(plan, scenario, findings)
+    report.friction_margin_N = min((each for each in margins_N if each is not None), default=None)
     loads = finger_loads(plan, scenario.wall.friction, pad_shares(scenario))
 
     samples = feet = sample(plan)

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from crux_planner.checker import tolerances
+from crux_planner.checker.cuboids import Cuboids
+from crux_planner.checker.footholds import PLANE
 from crux_planner.checker.geometry import Array, Flags, Indices, box_to_box, segment_to_box, signed_distance_to_box
 from crux_planner.checker.parts import BLOCK, Part
-from crux_planner.checker.plan_arrays import Cuboids
 from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import Samples
 
@@ -58,7 +59,8 @@ def check_clearance(
             continue
         if point_model and part.kind in ("finger", "palm"):
             continue  # feet stand on the wall
-        height = tolerances.MOVING_CLEARANCE_M - _height(part)
+        standing = (look.own_hold == PLANE) & (part.kind == "finger")
+        height = np.where(standing, 0.0, tolerances.MOVING_CLEARANCE_M) - _height(look.part)
         height = np.where(np.isnan(height), -np.inf, height)[look.rests]
         where = {"limb": limb, "finger": part.finger, "detail": f"of the {part.kind}"}
         findings.add_series("clearance_wall", height, samples.time_s, "m", **where)

@@ -61,6 +61,8 @@ def _check_contact_names(plan: PlanArrays, scenario: Scenario, findings: Finding
                 detail = f"a point contact stands on the wall (face {FACE_WALL}, hold -1), not face {face}, hold {hold}"
                 findings.add("hold", 1.0, "", limb=limb, time_s=where, detail=detail)
             continue
+        if plan.standing[k, limb]:
+            continue
         if not 0 <= hold < len(plan.cuboids.names):
             detail = f"hold {hold} does not exist, there are {len(plan.cuboids.names)}"
             findings.add("hold", 1.0, "", limb=limb, time_s=where, detail=detail)
@@ -81,7 +83,9 @@ def _check_contact_names(plan: PlanArrays, scenario: Scenario, findings: Finding
     else:
         pair = np.zeros(plan.hold.shape)
     expected = np.where(plan.on_wall, scenario.wall.friction, np.where(plan.gripped, least * pair, 0.0))
-    for k, limb in np.argwhere(plan.stance & (plan.on_wall | plan.gripped) & (expected <= 0.0)):
+    if plan.standing.any():
+        expected = np.where(plan.standing, plan.footholds.friction[plan.foothold, 4], expected)
+    for k, limb in np.argwhere(plan.stance & (plan.on_wall | plan.gripped | plan.standing) & (expected <= 0.0)):
         detail = "a face in contact has friction 0, expected more: spines alone do not make a grasp"
         findings.add("hold", 1.0, "", limb=limb, time_s=plan.time_s[k], detail=detail)
     for limb in range(4):
@@ -231,14 +235,15 @@ def _check_swings(plan: PlanArrays, findings: Findings) -> None:
 
 
 def occupancy(plan: PlanArrays) -> Indices:
-    """Hold whose faces a limb's fingers are at during [k, k + 1), -1 for none, (K, 4): in stance, at the first air knot
-    (still standing in the old grasp) and at the last (closing on the new one).
+    """Hold whose faces a limb's fingers are at during [k, k + 1), or foothold that they are on, -1 for none, (K, 4): in
+    stance, at the first air knot (still in the old grasp) and at the last (closing on the new one).
     """
-    held = plan.gripped_hold.copy()
+    held = plan.on_place.copy()
     for swing in swings(plan):
-        held[swing.first, swing.limb] = plan.hold_before[swing.first, swing.limb]
+        before = plan.on_place[swing.first - 1] if swing.first > 0 else plan.hold_before[0]
+        held[swing.first, swing.limb] = before[swing.limb]
         if swing.last < plan.n_knots - 1 and swing.last > swing.first:
-            held[swing.last, swing.limb] = plan.gripped_hold[swing.last + 1, swing.limb]
+            held[swing.last, swing.limb] = plan.on_place[swing.last + 1, swing.limb]
     return held
 
 
@@ -250,5 +255,5 @@ def _check_sharing(plan: PlanArrays, findings: Findings) -> None:
             shared = (held[:, first] == held[:, second]) & (held[:, first] >= 0)
             edges = np.flatnonzero(np.diff(np.concatenate(([False], shared)).astype(np.int8)) == 1)
             for k in edges:
-                detail = f"{LIMB_NAMES[first]} is on {plan.cuboids.names[held[k, first]]!r} too"
+                detail = f"{LIMB_NAMES[first]} is on {plan.place_names[held[k, first]]!r} too"
                 findings.add("hold_shared", 1.0, "limbs", limb=second, time_s=plan.time_s[k], detail=detail)

@@ -37,7 +37,7 @@ def check_dynamics(plan: PlanArrays, centre_w_m: Array, mass_kg: float, inertia_
     balance = mass_kg * (acceleration - plan.gravity_w) - force
     findings.add_series("force_balance", np.abs(balance).max(axis=1), times, "N")
 
-    arm = plan.finger_position[now] - centre_w_m[:, None, None, :]
+    arm = plan.force_position[now] - centre_w_m[:, None, None, :]
     moment = (np.cross(arm, plan.finger_force[now]) + plan.finger_moment[now]).sum(axis=(1, 2))
     rotation = rotation_from_rpy(plan.body_rpy[now])
     moment_b = (rotation.swapaxes(1, 2) @ moment[..., None])[..., 0]

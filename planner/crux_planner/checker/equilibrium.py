@@ -19,11 +19,13 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.scenario import Scenario
 
 from crux_planner.checker import tolerances
+from crux_planner.checker.cuboids import Cuboids
+from crux_planner.checker.feet import foot_excess
 from crux_planner.checker.geometry import Array, cross, solved
 from crux_planner.checker.kinematics import LimbMotion, held_torque
 from crux_planner.checker.limb_model import BEARERS, WholeRobot
 from crux_planner.checker.limit_surface import FingerLoads
-from crux_planner.checker.plan_arrays import Cuboids, PlanArrays
+from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Correction, Findings, PeakTorque
 from crux_planner.checker.sampling import Samples
 
@@ -44,6 +46,7 @@ def corrected_wrenches(
     """
     force, moment, axis = (v.transpose(1, 2, 0) for v in (samples.force, samples.moment, samples.opening_axis))
     arm = (samples.gripper_position - about_w_m[:, None, :]).transpose(1, 2, 0)  # (4, 3, T), as the others
+    acts = arm + samples.below_m.transpose(1, 2, 0)
     share, directions = samples.load.T, 3 if point_model else 4
     lack = np.zeros((6, len(samples.time_s)))
     if net is not None:
@@ -53,16 +56,18 @@ def corrected_wrenches(
     for limb in range(4):
         for i, along in enumerate(np.eye(3)):
             effects[limb, i, i] = 1.0
-            effects[limb, i, 3:] = cross(arm[limb], along[:, None])
+            effects[limb, i, 3:] = cross(acts[limb], along[:, None])
         if not point_model:
-            effects[limb, 3, 3:] = twist_length_m * axis[limb]
+            effects[limb, 3, 3:] = twist_length_m * axis[limb] * ~samples.foot[:, limb]
     shared = share[:, None, None] * effects
     weights = _least_squares(np.einsum("ldit,ldjt->ijt", effects, shared), lack)
     change = np.einsum("ldit,it->ldt", shared, weights)
     left = lack - np.einsum("ldit,ldt->it", effects, change)
     force, moment = force + change[:, :3], moment.copy()
     if not point_model:
-        moment += twist_length_m * change[:, 3:] * axis
+        moment += twist_length_m * change[:, 3:] * axis * ~samples.foot.T[:, None]
+    if samples.foot.any():
+        moment += np.cross(samples.below_m, change[:, :3].transpose(2, 0, 1)).transpose(1, 2, 0)
     return force.transpose(2, 0, 1), moment.transpose(2, 0, 1), np.abs(left).max(axis=0)
 
 
@@ -104,6 +109,8 @@ def check_between_knots(
         else:
             hanging = scenario.contact.spines_only.get(LIMB_NAMES[limb])
             excess = _grasp_excess(plan, samples, loads, limb, hanging)
+            if samples.foot[:, limb].any():
+                excess = np.where(samples.foot[:, limb], foot_excess(plan, samples, limb), excess)
         excess, tolerance = np.where(bears, excess, -np.inf), tolerances.FRICTION_CONE_BETWEEN_KNOTS_N
         name = "limit_surface_between_knots"
         findings.add_series(name, excess, samples.time_s, "N", tolerance=tolerance, limb=limb)
@@ -184,7 +191,7 @@ def tumble_margin(plan: PlanArrays, loads: FingerLoads, centre_w_m: Array, mass_
     size = float(np.linalg.norm(weight))
     pull = np.where(loads.touching, loads.friction * np.maximum(loads.normal_N, 0.0) + loads.spine_shear_N, 0.0)
     pull = pull.sum(axis=2)[:-1].T
-    feet = (plan.gripped | plan.on_wall)[:-1].T
+    feet = (plan.gripped | plan.on_wall | plan.standing)[:-1].T
     place, centre = plan.gripper_position[:-1].transpose(1, 2, 0), centre_w_m.T
     best = np.inf
     for a, b in permutations(range(len(feet)), 2):

@@ -1,20 +1,27 @@
 """A plan's messages as arrays, once their form is sound."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from crux_contracts import N_LIMBS
-from crux_contracts.scenario import Slab
 from crux_msgs import limb_knot_t
 
+from crux_planner.checker.cuboids import OUTWARD, Cuboids
+from crux_planner.checker.footholds import (
+    NO_FOOTHOLDS,
+    NOWHERE,
+    Footholds,
+    above_m,
+    first_foothold,
+    misplaced,
+    read_footholds,
+)
 from crux_planner.checker.geometry import (
     Array,
     Flags,
     Indices,
-    rotation_about_z,
-    rotation_from_rpy,
     rotation_of_gripper,
 )
 from crux_planner.checker.report import Findings
@@ -26,72 +33,6 @@ MIN_STEP_S = 1e-3
 """Between knots with times of their own."""
 
 _ROUNDING = 1e-9  # of unit vectors
-
-_OUTWARD = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
-"""Outward normals of a cuboid's faces in its own frame: +x, -x, +y, -y, top (of the wall itself: FACE_WALL)."""
-
-
-@dataclass(frozen=True)
-class Cuboids:
-    """Holds and obstacles, shapes (H, ...); friction and spines by face: +x, -x, +y, -y, top."""
-
-    names: tuple[str, ...]
-    graspable: Flags
-    foot_w_m: Array
-    size_m: Array
-    yaw_rad: Array
-    friction: Array
-    spines: Flags
-    lean_rad: Array
-    """Of the side faces, off the upright, (H, 4)."""
-    tilt_rad: Array
-    """Roll and pitch, (H, 2)."""
-
-    @cached_property
-    def centre_w_m(self) -> Array:
-        """Centres (H, 3)."""
-        if not self.tilt_rad.any():
-            return self.foot_w_m + np.array([0.0, 0.0, 0.5]) * self.size_m
-        return self.foot_w_m + 0.5 * self.size_m[:, 2:] * self.rotation[:, :, 2]
-
-    @cached_property
-    def rotation(self) -> Array:
-        """Rotations W <- cuboid, shape (H, 3, 3)."""
-        if not self.tilt_rad.any():
-            return rotation_about_z(self.yaw_rad)
-        return rotation_from_rpy(np.column_stack([self.tilt_rad, self.yaw_rad]))
-
-    def side_planes(self, index: int) -> tuple[Array, Array]:
-        """Outward normals (4, 3) and offsets (4,) of a cuboid's side faces in its centred frame: n . p is the offset on
-        a face, which stands on the foot's edge and leans in.
-        """
-        cosine, sine = np.cos(self.lean_rad[index]), np.sin(self.lean_rad[index])
-        normals = cosine[:, None] * _OUTWARD[:4] + sine[:, None] * _OUTWARD[4]
-        half = 0.5 * self.size_m[index]
-        return normals, cosine * half[[0, 0, 1, 1]] - sine * half[2]
-
-    def with_slabs(self, slabs: tuple[Slab, ...]) -> "Cuboids":
-        """These, and after them the solids behind bounded surfaces."""
-        if not slabs:
-            return self
-        more = len(slabs)
-        parts = (
-            (self.graspable, np.zeros(more, dtype=bool)),
-            (self.foot_w_m, [(*slab.position_m, slab.foot_z_m) for slab in slabs]),
-            (self.size_m, [slab.size_m for slab in slabs]),
-            (self.yaw_rad, [slab.yaw_rad for slab in slabs]),
-            (self.friction, np.zeros((more, 5))),
-            (self.spines, np.zeros((more, 5), dtype=bool)),
-            (self.lean_rad, np.zeros((more, 4))),
-            (self.tilt_rad, [slab.tilt_rad for slab in slabs]),
-        )
-        names = (*self.names, *(f"the surface {slab.name}" for slab in slabs))
-        return Cuboids(names, *(np.concatenate(pair) for pair in parts))
-
-    @cached_property
-    def reach_w_m(self) -> Array:
-        """Half extents along the axes of W, (H, 3)."""
-        return np.asarray((np.abs(self.rotation) @ (0.5 * self.size_m[..., None]))[..., 0])
 
 
 @dataclass(frozen=True)
@@ -129,6 +70,8 @@ class PlanArrays:
     cuboids: Cuboids
     pad_radius_m: float
     """Pads are balls: on a face that leans they touch beside the opening axis."""
+    footholds: Footholds = NO_FOOTHOLDS
+    """In plan_t.holds after the cuboids. `gripper_position` of a limb that stands on one is that of its frame."""
 
     @cached_property
     def n_knots(self) -> int:
@@ -149,9 +92,9 @@ class PlanArrays:
     def off_hold(self) -> Array:
         """z of the hold gripped, the way off it, (K, 4, 3); W's z where there is none."""
         if not self.cuboids.names or not self.cuboids.tilt_rad.any():
-            return np.broadcast_to(_OUTWARD[4], (*self.hold.shape, 3))
+            return np.broadcast_to(OUTWARD[4], (*self.hold.shape, 3))
         index = np.where(self.gripped, self.hold, 0)
-        return np.where(self.gripped[..., None], self.cuboids.rotation[index][..., 2], _OUTWARD[4])
+        return np.where(self.gripped[..., None], self.cuboids.rotation[index][..., 2], OUTWARD[4])
 
     @cached_property
     def gripper_z_on_hold(self) -> Array:
@@ -170,6 +113,53 @@ class PlanArrays:
         turn = rotation_of_gripper(self.gripper_yaw, self.gripper_tilt)
         aslant = self.gripped & ~self.leaning & (np.abs(self.gripper_z_on_hold[..., :2]).max(axis=-1) > _ROUNDING)
         return np.where(aslant[..., None], turn[..., 2], self.off_hold)
+
+    @cached_property
+    def standing(self) -> Flags:
+        """(K, 4): in stance on a foothold that exists."""
+        number = self.hold - len(self.cuboids.names)
+        exists = (number >= 0) & (number < len(self.footholds.names))
+        return np.asarray(self.stance & exists & (self.finger1_face == FACE_WALL))
+
+    @cached_property
+    def foothold(self) -> Indices:
+        """(K, 4): number of the foothold where `standing`, 0 elsewhere."""
+        return np.where(self.standing, self.hold - len(self.cuboids.names), 0)
+
+    @cached_property
+    def foothold_surface(self) -> Indices:
+        """(K, 4): that a foot stands on, as Footholds.surface has it; NOWHERE where no limb stands."""
+        if not self.footholds.names:
+            return np.full(self.hold.shape, NOWHERE)
+        return np.where(self.standing, self.footholds.surface[self.foothold], NOWHERE)
+
+    @cached_property
+    def on_place(self) -> Indices:
+        """(K, 4): index of the hold gripped or the foothold stood on, -1 where there is none."""
+        return np.where(self.gripped | self.standing, self.hold, -1)
+
+    @property
+    def place_names(self) -> tuple[str, ...]:
+        """Of cuboids and footholds, as plan_t.holds has them."""
+        return (*self.cuboids.names, *self.footholds.names)
+
+    @cached_property
+    def above_foot(self) -> Array:
+        """(K, 4, 3): from where a foot's force acts to its gripper's frame; 0 for all others."""
+        up = rotation_of_gripper(self.gripper_yaw, self.gripper_tilt)[..., 2]
+        return above_m(self.standing, up, self.pad_radius_m)
+
+    @property
+    def foot_point(self) -> Array:
+        """(K, 4, 3): where a foot's force acts; the grippers' centres elsewhere."""
+        return np.asarray(self.gripper_position - self.above_foot)
+
+    @property
+    def force_position(self) -> Array:
+        """(K, 4, 2, 3): where the fingers' forces act: `finger_position`, of a foot about its foot point."""
+        if not self.standing.any():
+            return self.finger_position
+        return np.asarray(self.finger_position - self.above_foot[:, :, None])
 
     @cached_property
     def finger_position(self) -> Array:
@@ -230,8 +220,8 @@ class PlanArrays:
 
     @cached_property
     def on_wall(self) -> Flags:
-        """(K, 4): in stance on the wall itself (point contact)."""
-        return np.asarray(self.stance & (self.finger1_face == FACE_WALL))
+        """(K, 4): in stance on the wall itself (point contact), and on no foothold."""
+        return np.asarray(self.stance & (self.finger1_face == FACE_WALL) & ~self.standing)
 
     @cached_property
     def point_feet(self) -> bool:
@@ -250,7 +240,7 @@ class PlanArrays:
     @cached_property
     def face_normal(self) -> Array:
         """Outward normals under both fingers in W, (K, 4, 2, 3)."""
-        local = _OUTWARD[self.faces]
+        local = OUTWARD[self.faces]
         if not self.cuboids.names:
             return np.asarray(local)
         index = np.where(self.gripped, self.hold, 0)
@@ -258,7 +248,7 @@ class PlanArrays:
         upright = np.einsum("klij,klfj->klfi", turn, local)
         if not self.leaning.any():
             return np.asarray(upright)
-        return np.asarray(np.cos(self.lean)[..., None] * upright + np.sin(self.lean)[..., None] * _OUTWARD[4])
+        return np.asarray(np.cos(self.lean)[..., None] * upright + np.sin(self.lean)[..., None] * OUTWARD[4])
 
 
 def read_plan(plan: Any, findings: Findings, pad_radius_m: float = 0.0) -> PlanArrays | None:
@@ -276,16 +266,17 @@ def read_plan(plan: Any, findings: Findings, pad_radius_m: float = 0.0) -> PlanA
         return np.array([getattr(message, name) for message in messages], dtype=kind).reshape(shape)
 
     try:
+        bodies = plan.holds[: first_foothold(plan.holds)]
         cuboids = Cuboids(
-            tuple(hold.name for hold in plan.holds),
-            read(plan.holds, "graspable", plan.n_holds) != 0,
-            read(plan.holds, "position_w_m", plan.n_holds, 3),
-            read(plan.holds, "size_m", plan.n_holds, 3),
-            read(plan.holds, "yaw_rad", plan.n_holds),
-            read(plan.holds, "friction", plan.n_holds, 5),
-            read(plan.holds, "spines", plan.n_holds, 5) != 0,
-            read(plan.holds, "lean_rad", plan.n_holds, 4),
-            read(plan.holds, "tilt_rad", plan.n_holds, 2),
+            tuple(hold.name for hold in bodies),
+            read(bodies, "graspable", -1) != 0,
+            read(bodies, "position_w_m", -1, 3),
+            read(bodies, "size_m", -1, 3),
+            read(bodies, "yaw_rad", -1),
+            read(bodies, "friction", -1, 5),
+            read(bodies, "spines", -1, 5) != 0,
+            read(bodies, "lean_rad", -1, 4),
+            read(bodies, "tilt_rad", -1, 2),
         )
         arrays = PlanArrays(
             float(plan.dt_s),
@@ -314,11 +305,14 @@ def read_plan(plan: Any, findings: Findings, pad_radius_m: float = 0.0) -> PlanA
             read(limbs, "finger_moment_w_nm", *shape, 2, 3),
             cuboids,
             pad_radius_m,
+            read_footholds(plan.holds[len(bodies) :]),
         )
     except (TypeError, ValueError) as error:
         findings.add("plan_format", 1.0, "", detail=f"a field has the wrong length or type: {error}")
         return None
-    return arrays if _sound(arrays, findings) else None
+    if not _sound(arrays, findings):
+        return None
+    return replace(arrays, gripper_position=arrays.gripper_position + arrays.above_foot)
 
 
 def _steps(plan: Any) -> Array:
@@ -331,8 +325,12 @@ def _steps(plan: Any) -> Array:
 def _fault_of_form(plan: Any) -> str | None:
     """Why the message has not the form that arrays are read from; None where it has."""
     knots, holds = len(plan.knots), len(plan.holds)
-    if not plan.FORMAT <= plan.format <= plan.FORMAT_MOVING_FINGERS:
-        return f"format is {plan.format}, this checker knows {plan.FORMAT} to {plan.FORMAT_MOVING_FINGERS}"
+    if not plan.FORMAT <= plan.format <= plan.FORMAT_FEET:
+        return f"format is {plan.format}, this checker knows {plan.FORMAT} to {plan.FORMAT_FEET}"
+    if misplaced(plan.holds):
+        return "a hold or an obstacle comes after a foothold"
+    if (first_foothold(plan.holds) < holds) != (plan.format == plan.FORMAT_FEET):
+        return f"format is {plan.format}, expected {plan.FORMAT_FEET} where there are footholds, and only there"
     if plan.format == plan.FORMAT and knots and any(limb.phase == AIR for limb in plan.knots[0].limbs):
         return f"a limb is in the air at the first knot, which plans of format {plan.FORMAT} may not have"
     if plan.n_knots != knots or plan.n_holds != holds or plan.n_knots < 2:
@@ -346,7 +344,7 @@ def _fault_of_form(plan: Any) -> str | None:
 def _sound(plan: PlanArrays, findings: Findings) -> bool:
     """Finite numbers, a positive step, knots in order of time, known phases: what every other check builds on."""
     sound = True
-    for owner in (plan, plan.cuboids):
+    for owner in (plan, plan.cuboids, plan.footholds):
         for name in (entry.name for entry in fields(owner)):
             value = getattr(owner, name)
             if not isinstance(value, float | np.ndarray):

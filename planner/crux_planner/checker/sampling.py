@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from crux_planner.checker.contact import Swing, swings
-from crux_planner.checker.geometry import Array, Indices, rotation_from_rpy, rotation_of_gripper
+from crux_planner.checker.geometry import Array, Flags, Indices, rotation_from_rpy, rotation_of_gripper
 from crux_planner.checker.plan_arrays import PlanArrays
 
 STANCE_SAMPLES = 12
@@ -35,7 +35,15 @@ class Samples:
     moment: Array
     load: Array
     own_hold: Indices
-    """Hold between whose faces the fingers are while closed, opening or closing; -1 elsewhere."""
+    """Hold between whose faces the fingers are while closed, opening or closing; the surface that a foot is on, leaves
+    or comes to, as Footholds.surface has it; -1 elsewhere."""
+    below_m: Array
+    """From a gripper to where its force acts, (T, 4, 3): 0 but of feet on footholds."""
+
+    @cached_property
+    def foot(self) -> Flags:
+        """(T, 4): stands on a foothold."""
+        return np.asarray(self.below_m.any(axis=2))
 
     @property
     def opening_axis(self) -> Array:
@@ -104,7 +112,8 @@ def sample_at(plan: PlanArrays, interval: Indices, share: Array) -> Samples:
     body = pchip(plan.step_s, pose, k, u)
     position, yaw, tilt = plan.gripper_position[k].copy(), plan.gripper_yaw[k].copy(), plan.gripper_tilt[k].copy()
     opening = 0.5 * plan.separation[k]
-    own = plan.gripped_hold[k]
+    surface = plan.foothold_surface
+    own = np.where(plan.standing, surface, plan.gripped_hold)[k]
     force, moment = _blend(plan, k, u)
     load = plan.stance[k].astype(float)
     feet = plan.point_feet
@@ -120,7 +129,9 @@ def sample_at(plan: PlanArrays, interval: Indices, share: Array) -> Samples:
         load[leaving, limb] *= 1.0 - smooth((u[leaving] - 0.5) / 0.45)
         load[landed, limb] *= smooth((u[landed] - 0.02) / 0.4)
     turned, time_s = rotation_from_rpy(body[:, 3:]), plan.time_s[k] + u * plan.step_s[k]
-    return Samples(time_s, k, body[:, :3], body[:, 3:], turned, position, yaw, tilt, opening, force, moment, load, own)
+    below = -plan.above_foot[k]
+    parts = turned, position, yaw, tilt, opening, force, moment, load, own, below
+    return Samples(time_s, k, body[:, :3], body[:, 3:], *parts)
 
 
 def _swing(
@@ -159,11 +170,14 @@ def _swing(
     if last < plan.n_knots - 1:
         near = rows[closing & (ur >= close)]
         own[near, limb] = plan.gripped_hold[last + 1, limb]
+    for foot, there in ((first - 1, rows[lifting]), (last + 1, rows[closing])):
+        if 0 <= foot < plan.n_knots and plan.standing[foot, limb]:
+            own[there, limb] = plan.foothold_surface[foot, limb]
 
 
 def _blend(plan: PlanArrays, k: Indices, u: Array) -> tuple[Array, Array]:
     """Gripper forces and moments (T, 4, 3) by the blending rule of the wrenches."""
-    arm = plan.finger_position - plan.gripper_position[:, :, None, :]
+    arm = plan.force_position - plan.gripper_position[:, :, None, :]
     about_centre = (np.cross(arm, plan.finger_force) + plan.finger_moment).sum(axis=2)
     wrench = np.concatenate([plan.finger_force.sum(axis=2), about_centre], axis=2)
     wrench[-1] = wrench[-2]

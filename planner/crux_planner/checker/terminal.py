@@ -47,6 +47,11 @@ def _check_grasps(constraint: str, plan: PlanArrays, knot: int, grasps: dict[str
     for name, grasp in grasps.items():
         limb = LIMB_NAMES.index(name)
         hold, face = int(plan.hold[knot, limb]), int(plan.finger1_face[knot, limb])
+        if grasp.foothold:
+            met = bool(plan.standing[knot, limb]) and plan.place_names[hold] == grasp.foothold
+            detail = "" if met else f"{name} should stand on {grasp.foothold!r}, not on hold {hold} by face {face}"
+            findings.add(constraint, float(not met), "", limb=limb, time_s=float(plan.time_s[knot]), detail=detail)
+            continue
         under = {0: "+x", 1: "-x", 2: "+y", 3: "-y"}.get(face, "")
         met = plan.gripped[knot, limb] and plan.cuboids.names[hold] == grasp.hold and under[1:] == grasp.faces
         wanted = f"{grasp.hold!r} by faces {grasp.faces}"

@@ -188,6 +188,8 @@ def plan_message(
     feet = np.array([c is not None and c.foot for c in held])
     if feet.any():
         plan.format = plan_t.FORMAT_FEET
+        plan.holds += [_foothold(foothold, robot.gripper.pad_radius_m) for foothold in scenario.footholds]
+        plan.n_holds = len(plan.holds)
         forces[feet] = forces[feet].mean(axis=1, keepdims=True)
         moments[feet] = 0.0
         poses.reshape(len(held), -1)[feet, :3] = [c.place_h_m for c in held if c is not None and c.foot]
@@ -270,7 +272,6 @@ def plan_header(scenario: Scenario, robot: Robot, cost: float, method: str = "au
     plan.goal_tolerance_m = scenario.goal.tolerance_m
     plan.goal_tolerance_rad = scenario.goal.tolerance_rad
     plan.holds = [_hold(cuboid) for cuboid in scenario.cuboids]
-    plan.holds += [_foothold(foothold, robot.gripper.pad_radius_m) for foothold in scenario.footholds]
     plan.n_holds = len(plan.holds)
     return plan
 
