@@ -55,7 +55,8 @@ def read_footholds(holds: list[hold_t]) -> Footholds:
             [hold.friction for hold in holds],
         )
     ]
-    return Footholds(tuple(hold.name for hold in holds), *parts, surface=np.full(len(holds), NOWHERE))
+    place, rpy, size, friction = parts
+    return Footholds(tuple(hold.name for hold in holds), place, rpy, size, friction, np.full(len(holds), NOWHERE))
 
 
 def first_foothold(holds: list[hold_t]) -> int:

@@ -124,7 +124,7 @@ def _names(scenario: Scenario) -> list[str]:
     """Of holds; where limbs may stand, of all cuboids and footholds, as plan_t.holds has them."""
     if not scenario.footholds:
         return [hold.name for hold in scenario.holds]
-    return [each.name for each in (*scenario.cuboids, *scenario.footholds)]
+    return [*(cuboid.name for cuboid in scenario.cuboids), *(foothold.name for foothold in scenario.footholds)]
 
 
 def _is_about_climbs(scenario: Scenario, robot: Robot) -> None:

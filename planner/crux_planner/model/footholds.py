@@ -14,7 +14,7 @@ from crux_contracts.gripper_frames import gripper_rotation, yaw_and_tilt
 from crux_contracts.scenario import Foothold, Scenario
 from crux_msgs import limb_knot_t
 
-from crux_planner.model.arrays import Array
+from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.contacts import BESIDE_M, Contact, GripperShape, outline
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
@@ -118,6 +118,6 @@ class Stands:
             return float(opening)
         return None
 
-    def _beyond_m(self, points: Array, own: Array) -> float:
+    def _beyond_m(self, points: Array, own: Flags) -> float:
         """How far points (n, 3) are beyond the edges of their own surface at most; negative within."""
         return float(self.surfaces.slabs.some(own).excess(points)[:, 0, :2].max())
