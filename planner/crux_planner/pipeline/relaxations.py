@@ -97,6 +97,10 @@ def _rougher(climb: Climb, factor: float) -> Climb:
     def roughen(content: dict[str, Any]) -> None:
         for hold in content["holds"]:
             change_friction(hold, lambda each: min(MAX_FRICTION, factor * each))
+        for foothold in climb.session.scenario.footholds:
+            for surface in content["surfaces"]:
+                if surface["name"] == foothold.surface or ("plane" in surface and not foothold.surface):
+                    surface["friction"] = min(MAX_FRICTION, factor * foothold.friction)
 
     rough = [replace(c, friction=np.minimum(factor * c.friction, MAX_FRICTION)) for c in climb.problem.contacts]
     problem = replace(climb.problem, contacts=rough)
