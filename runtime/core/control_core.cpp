@@ -79,6 +79,9 @@ Reason ControlCore::change_plan_ahead(std::unique_ptr<const PreparedPlan>& plan)
 
 Reason ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept {
   if (supervisor_.state() == SupervisorState::kClimbing) return change_plan_ahead(plan);
+  const bool stands_there = plan && (plan->footholds || (plan_ && plan_->footholds));
+  if (supervisor_.state() != SupervisorState::kIdle && stands_there)
+    return {"a robot that is on the wall takes over no other plan from or to footholds; take it off the wall first"};
   if (supervisor_.state() != SupervisorState::kIdle && plan) {
     const PlanReference start = play(*plan, {});
     if (const Reason off = off_stance(view(), start)) return off;
@@ -188,6 +191,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .plan_started = started_,
                       .plan_complete = plan_ && clock_.complete(*plan_),
                       .walks = plan_ && plan_->point_feet,
+                      .footholds = plan_ && plan_->footholds,
                       .arrived = plan_ && clock_.arrived(*plan_),
                       .testing = grips_.pull().limb() >= 0,
                       .can_reverse = reverses && plan_ && clock_.can_reverse(*plan_),
@@ -301,8 +305,8 @@ void ControlCore::settle(const PerLimb<LimbEvents>& events, double dt_s) noexcep
 }
 
 void ControlCore::locate(double dt_s) noexcept {
-  // Point feet find no place on the map, and learn no sensor's bias.
-  if (plan_->point_feet || !started_) return;
+  // Point feet find no place on the map; those of a walk learn no sensor's bias.
+  if (plan_->point_feet || plan_->footholds || !started_) return;
   Vector3 force_W_N = Vector3::Zero();
   bool known = supervisor_.state() == SupervisorState::kClimbing;
   for (int l = 0; l < kLimbs; ++l) {
@@ -333,13 +337,14 @@ void ControlCore::aim(double dt_s) noexcept {
   const Pose body_command_W = correction_.update(reference_.body_W, body_.body_W(), started_ && !stands ? dt_s : 0.0);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference_.limbs[l];
-    const bool presses = limb.closing() && limbs_[l].fingers().presses();
+    const bool lands = limb.on_foothold && limbs_[l].foot_force_N(limb) >= robot_.control.contact_force_N;
+    const bool presses = limb.closing() && (limb.on_foothold ? lands : limbs_[l].fingers().presses());
     const bool pulled = presses || grips_.pull().limb() == l || grips_.presses_wall(l);
     if (presses) touched_[l].press(limbs_[l].gripper_W_m(body_.body_W()).z());
     if (limb.phase == LimbPhase::kDescend) touched_[l].open();
     if (limb.passing()) touched_[l] = {};
     const bool found = limbs_[l].follow_contact(limb, body_.body_W(), body_command_W, pulled);
-    if (found && started_ && !plan_->point_feet && limb.gripping()) find_place(l);
+    if (found && started_ && !plan_->point_feet && !plan_->footholds && limb.gripping()) find_place(l);
   }
 }
 
@@ -363,7 +368,8 @@ void ControlCore::calibrate(double dt_s) noexcept {
   PerLimb<Yielding> translations, rotations;
   for (int l = 0; l < kLimbs; ++l) {
     // A limb that slips or has lost its hold is given no error: it shows nothing of its gains.
-    if (grips_.slip(l).slips() || health.hold_lost[l] || health.force_torque_distrusted[l] || limbs_[l].rigid())
+    if (grips_.slip(l).slips() || health.hold_lost[l] || health.force_torque_distrusted[l] || limbs_[l].rigid() ||
+        reference_.limbs[l].on_foothold)
       continue;
     translations[l] = limbs_[l].translation();
     rotations[l] = limbs_[l].rotation();

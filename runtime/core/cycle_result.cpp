@@ -52,7 +52,8 @@ void ControlCore::write_reference(CycleResult& out) const noexcept {
     std::copy_n(from.gripper_tilt_W_rad.data(), 2, to.gripper_tilt_w_rad);
     to.finger_opening_m = from.gripping() ? limbs_[l].grip_opening_m(from) : from.finger_opening_m;
     copy(from.wrench_W.force_N, to.force_w_n);
-    copy(from.wrench_W.moment_Nm, to.moment_w_nm);
+    const Vector3 moment_Nm = from.wrench_W.moment_Nm + from.to_foot_W_m().cross(from.wrench_W.force_N);
+    copy(from.on_foothold ? moment_Nm : from.wrench_W.moment_Nm, to.moment_w_nm);
     to.friction = from.friction;
     crux_msgs::limb_telemetry_t& telemetry = out.telemetry[l];
     limbs_[l].write(body_.body_W(), wrenches_W_[l], telemetry);

@@ -41,8 +41,8 @@ void ControlCore::watch(double dt_s) noexcept {
 
 void ControlCore::leave(crux_msgs::restart_t& left) const noexcept {
   left.plan_id.clear();
-  const bool on_wall = plan_ && started_ && !plan_->point_feet && supervisor_.state() != SupervisorState::kIdle;
-  if (!on_wall) return;
+  const bool on_holds = plan_ && started_ && !plan_->point_feet && !plan_->footholds;
+  if (!on_holds || supervisor_.state() == SupervisorState::kIdle) return;
   left.plan_id.assign(plan_->plan_id);
   left.supervisor_state = static_cast<std::int8_t>(supervisor_.state());
   left.interval = clock_.now().interval;

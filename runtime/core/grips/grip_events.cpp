@@ -28,7 +28,7 @@ PerLimb<double> needs_N(const CycleView& now) noexcept {
   PerLimb<double> needs_N{};
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = now.reference.limbs[l];
-    if (limb.gripping() && !now.health.hold_lost[l])
+    if (limb.gripping() && !limb.on_foothold && !now.health.hold_lost[l])
       needs_N[l] =
           needed_grasp_force_N(now.wrenches_W[l], limb.finger_axis_W(), contact(now, l, limb), now.robot.control);
   }
@@ -53,6 +53,7 @@ void Grips::begin_pull(const CycleView& now, const PlanTime& at, int limb) noexc
   PerLimb<double> bearable_N = needs_N(now);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& other = now.reference.limbs[l];
+    if (other.on_foothold) continue;
     bearable_N[l] =
         std::max(bearable_N[l], testable_N(*now.plan, at, l, other.finger_axis_W(), contact(now, l, other), now.robot));
   }
@@ -100,7 +101,7 @@ void Grips::judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController
       events[l].gripped = false;
       clock.wait_anew();
     }
-    if (!reference.closing()) continue;
+    if (!reference.closing() || reference.on_foothold) continue;
     if (events[l].gripped && pull_.result(l) == GraspPull::Result::kNone) begin_pull(now, clock.now(), l);
     events[l].gripped = pull_.result(l) == GraspPull::Result::kPassed;
   }
@@ -120,7 +121,7 @@ void Grips::search_hold(const CycleView& now, PlanClock& clock, LimbController& 
                         double dt_s) noexcept {
   const LimbReference& reference = now.reference.limbs[l];
   HoldSearch& search = searches_[l];
-  if (reference.phase != LimbPhase::kDescend && !reference.closing()) return search.reset();
+  if ((reference.phase != LimbPhase::kDescend && !reference.closing()) || reference.on_foothold) return search.reset();
   const Vector3 missed_W_m = limb.gripper_W_m(now.body_W) - limb.anchor_W_m(reference);
   const ControlParameters& control = now.robot.control;
   const Vector3 off_W = reference.off_W();
@@ -164,7 +165,8 @@ void Grips::touch_wall(const CycleView& now, PlanClock& clock, LimbController& l
   const GripperDescription& gripper = now.robot.gripper;
   WallTouch& touch = touches_[l];
   // A gripper that comes down aslant does not come down on the wall.
-  if (reference.phase != LimbPhase::kDescend || reference.back || !reference.upright()) return touch.reset();
+  if (reference.phase != LimbPhase::kDescend || reference.on_foothold || reference.back || !reference.upright())
+    return touch.reset();
   const LimbKnot& grasp = now.plan->limbs[clock.now().interval + 1][l];
   const double touching_m = crux::touching_m(grasp.hold_top_m, gripper.pad_radius_m, gripper.finger_height_m);
   const Vector3 gripper_W_m = limb.gripper_W_m(now.body_W);
@@ -194,7 +196,7 @@ void Grips::touch_wall(const CycleView& now, PlanClock& clock, LimbController& l
 
 void Grips::find_hold_again(const CycleView& now, PlanClock& clock, PerLimb<LimbController>& limbs, bool hold,
                             double dt_s) noexcept {
-  if (return_ == Return::kOver || now.plan->point_feet) return;
+  if (return_ == Return::kOver || now.plan->point_feet || now.plan->footholds) return;
   if (!now.health.any_hold_lost() && !now.health.any_gives_way()) return;
   // A gripper that comes down on its hold, closes or presses on it already goes on, and its limb takes up load.
   bool in_air = false, comes = false;

@@ -9,8 +9,19 @@ namespace {
 constexpr int kLeastOthers = 2;
 // What a limb bears of the rest while its new grasp is pulled.
 constexpr double kPulledLoad = 1e-3;
+// A foot that touches down presses with so many times the force of a contact.
+constexpr double kTouchPress = 1.5;
 
 }  // namespace
+
+FootCone foot_cone(const CycleView& now, const LimbReference& reference) noexcept {
+  if (!reference.on_foothold) return {};
+  return {.stands = true,
+          .normal_W = reference.off_W(),
+          .friction = reference.friction / now.robot.control.grasp_force_factor,
+          .max_normal_N = now.plan->max_normal_N,
+          .to_foot_W_m = reference.to_foot_W_m()};
+}
 
 Contact contact(const CycleView& now, int limb, const LimbReference& reference) noexcept {
   return {reference.friction,
@@ -56,7 +67,7 @@ void Grips::watch(const CycleView& now, bool climbs, double dt_s) noexcept {
     const bool presses = limb.fingers().force_N() >= now.robot.control.min_grasp_force_N;
     const bool grips = reference.gripping() && limb.in_contact() && (now.started || presses);
     const bool seen = !now.health.hold_lost[l] && !limb.blind();
-    const bool holds = now.engaged && !reference.point_foot && (grips || pull_.begun(l)) && seen;
+    const bool holds = now.engaged && !reference.foot() && (grips || pull_.begun(l)) && seen;
     const Vector3 force_B_N = now.body_W.rotation.transpose() * limb.wrench_W().force_N;
     fitted[l] = {&limb.state(), limb.torque_Nm(), force_B_N, holds};
     if (holds) holding |= 1U << static_cast<unsigned>(l);
@@ -66,8 +77,10 @@ void Grips::watch(const CycleView& now, bool climbs, double dt_s) noexcept {
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& reference = now.reference.limbs[l];
     const LimbController& limb = now.limbs[l];
-    const double used = limit_surface_utilisation(limb.wrench_W(), reference.finger_axis_W(),
-                                                  contact(now, l, reference), limb.fingers().force_N());
+    const double used = reference.on_foothold
+                            ? 0.0
+                            : limit_surface_utilisation(limb.wrench_W(), reference.finger_axis_W(),
+                                                        contact(now, l, reference), limb.fingers().force_N());
     if (now.health.gives_way[l]) slips_[l].give_off_load();
     // While control takes over, the fingers' force and the load change too quickly to be set against each other.
     slips_[l].update(l, stance_, fitted[l].holds && reference.gripping(), now.started ? used : 0.0, dt_s);
@@ -116,12 +129,26 @@ double Grips::load(const CycleView& now, int limb, const LimbReference& referenc
   return (needed && reference.gripping() ? 1.0 : reference.load) * relief(now, limb);
 }
 
+Wrench Grips::touch_W(const CycleView& now, const LimbReference& reference) const noexcept {
+  const bool comes = reference.closing() || reference.phase == LimbPhase::kLoad;
+  if (!reference.on_foothold || !comes) return {};
+  return {kTouchPress * now.robot.control.contact_force_N * (1.0 - reference.load) * reference.off_W(),
+          Vector3::Zero()};
+}
+
 PerLimb<Bearer> Grips::bearers(const CycleView& now, const PlanReference& reference) const noexcept {
   PerLimb<Bearer> bearers;
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
     bearers[l] = {now.limbs[l].anchor_W_m(limb), limb.finger_axis_W(), load(now, l, limb),
                   now.health.hold_lost[l] ? Wrench() : limb.wrench_W * relief(now, l)};
+    if (limb.on_foothold && !now.health.hold_lost[l]) {
+      bearers[l].foot = foot_cone(now, limb);
+      bearers[l].position_W_m += limb.to_foot_W_m();
+      bearers[l].finger_axis_W.setZero();
+      bearers[l].planned_W = {limb.wrench_W.force_N + touch_W(now, limb).force_N, Vector3::Zero()};
+      if (limb.closing() || limb.phase == LimbPhase::kLoad) bearers[l].load = std::max(bearers[l].load, kPulledLoad);
+    }
     if (pull_.limb() == l) {
       // A pull that goes makes way for what the plan loads the grasp with: never more than it was pulled with.
       bearers[l].planned_W = bearers[l].planned_W + pull_.pull_W() * (1.0 - bearers[l].load);
@@ -142,6 +169,11 @@ double Grips::utilisation(const CycleView& now, int limb) const noexcept {
   const LimbReference& reference = now.reference.limbs[limb];
   if (!now.plan || now.plan->point_feet || !reference.gripping()) return 0.0;
   const Wrench& wrench_W = now.health.force_torque_distrusted[limb] ? now.wrenches_W[limb] : now.limbs[limb].wrench_W();
+  if (reference.on_foothold) {
+    FootCone cone = foot_cone(now, reference);
+    cone.friction = reference.friction;
+    return cone.utilisation(wrench_W.force_N);
+  }
   return limit_surface_utilisation(wrench_W, reference.finger_axis_W(), contact(now, limb, reference),
                                    now.limbs[limb].fingers().force_N());
 }

@@ -90,6 +90,8 @@ class Grips {
 
   /// Share of its load that a limb bears while it slips.
   double relief(const CycleView& now, int limb) const noexcept;
+  /// What a foot is to bear of itself as it touches down, until its load takes over, so that it stays on its surface.
+  Wrench touch_W(const CycleView& now, const LimbReference& reference) const noexcept;
   /// Share of the pull's load that the fingers of the limb under test press enough for.
   double pressed_share(const CycleView& now, int limb) const noexcept;
   void begin_pull(const CycleView& now, const PlanTime& at, int limb) noexcept;
@@ -114,6 +116,9 @@ class Grips {
   PerLimb<double> borne_N_{};  ///< grasp force for the most that each grip has borne; none once it slipped
   Return return_ = Return::kNone;
 };
+
+/// What a limb on a foothold may be asked to bear: within friction by as much as grasps are.
+FootCone foot_cone(const CycleView& now, const LimbReference& reference) noexcept;
 
 /// The contact of a limb's grip as planned, opened as it was found.
 Contact contact(const CycleView& now, int limb, const LimbReference& reference) noexcept;

@@ -31,16 +31,30 @@ PerLimb<Wrench> balanced_on_feet(const CycleView& now) noexcept {
 /// somebody may hold the robot to the wall while they close.
 double pressed(const CycleView& now, int limb) noexcept {
   const LimbReference& reference = now.reference.limbs[limb];
-  if (now.started || reference.point_foot || !reference.gripping()) return 1.0;
+  if (now.started || reference.foot() || !reference.gripping()) return 1.0;
   return std::clamp(now.limbs[limb].fingers().force_N() / now.robot.control.min_grasp_force_N, 0.0, 1.0);
+}
+
+Vector3 weight_W_N(const CycleView& now) noexcept {
+  return (1.0 + now.carried) * now.robot.total_mass_kg * now.plan->gravity_W_m_s2;
+}
+
+/// What feet on footholds can bear of `wrenches`, and the rest on the others.
+PerLimb<Wrench> on_feet(const CycleView& now, const PerLimb<Wrench>& wrenches,
+                        const PerLimb<Bearer>& bearers) noexcept {
+  if (!now.plan->footholds) return wrenches;
+  PerLimb<Bearer> as_shared = bearers;
+  for (int l = 0; l < kLimbs; ++l) as_shared[l].planned_W = wrenches[l];
+  return within_cones(wrenches, as_shared, now.com_W_m, weight_W_N(now), now.robot.control.twist_length_m);
 }
 
 }  // namespace
 
 PerLimb<Wrench> balanced(const CycleView& now, const PerLimb<Bearer>& bearers) noexcept {
-  return balanced_wrenches(bearers, now.com_W_m,
-                           (1.0 + now.carried) * now.robot.total_mass_kg * now.plan->gravity_W_m_s2,
-                           now.robot.control.twist_length_m);
+  const PerLimb<Wrench> wrenches =
+      balanced_wrenches(bearers, now.com_W_m, weight_W_N(now), now.robot.control.twist_length_m);
+  if (!now.plan->footholds) return wrenches;
+  return within_cones(wrenches, bearers, now.com_W_m, weight_W_N(now), now.robot.control.twist_length_m);
 }
 
 PerLimb<Wrench> shared(const CycleView& now, const Grips& grips, LoadSharing& sharing, double torque_share) noexcept {
@@ -54,7 +68,12 @@ PerLimb<Wrench> shared(const CycleView& now, const Grips& grips, LoadSharing& sh
   }
   PerLimb<Wrench> wrenches =
       sharing.within_limits(balanced(now, bearing), bearing, capacities, now.com_W_m, rotation_WB, now.robot.control);
-  for (int l = 0; l < kLimbs; ++l) wrenches[l] = wrenches[l] * pressed(now, l);
+  wrenches = on_feet(now, wrenches, bearing);
+  for (int l = 0; l < kLimbs; ++l) {
+    const FootCone& foot = bearing[l].foot;
+    if (foot.stands) wrenches[l].moment_Nm = foot.to_foot_W_m.cross(wrenches[l].force_N);
+    wrenches[l] = wrenches[l] * pressed(now, l);
+  }
   return wrenches;
 }
 

@@ -28,6 +28,10 @@ void press_holds(const CycleView& now, const Grips& grips, const PlanTime& at, P
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& reference = now.reference.limbs[l];
     const GraspPull& pull = grips.pull();
+    if (reference.on_foothold) {
+      limbs[l].fingers().grasp(reference, 0.0, dt_s);
+      continue;
+    }
     limbs[l].fingers().hurry(any_lost);
     double force_N = 0.0;
     if (reference.gripping() || reference.closing()) force_N = wanted_N(now, l, reference, now.wrenches_W[l]);
@@ -36,7 +40,8 @@ void press_holds(const CycleView& now, const Grips& grips, const PlanTime& at, P
       force_N = contact(now, l, reference).max_normal_N;
     if (reference.gripping() && !now.health.force_torque_distrusted[l])
       force_N = std::max(force_N, wanted_N(now, l, reference, limbs[l].wrench_W()));
-    if (ahead.limbs[l].gripping()) force_N = std::max(force_N, wanted_N(now, l, ahead.limbs[l], wrenches_ahead_W[l]));
+    if (ahead.limbs[l].gripping() && !ahead.limbs[l].on_foothold)
+      force_N = std::max(force_N, wanted_N(now, l, ahead.limbs[l], wrenches_ahead_W[l]));
     limbs[l].fingers().grasp(reference, force_N, dt_s);
   }
 }

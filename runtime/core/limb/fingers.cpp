@@ -46,11 +46,11 @@ bool Fingers::gripped(const LimbReference& reference, double dt_s) noexcept {
 void Fingers::grasp(const LimbReference& reference, double wanted_N, double dt_s) noexcept {
   grasp_.see(opening_m_, speed_m_s_, force_N());
   if (stand_) return grasp_.reset(opening_m_, force_N());
-  if (!reference.point_foot && (reference.gripping() || reference.closing())) {
+  if (!reference.foot() && (reference.gripping() || reference.closing())) {
     grasp_.press(wanted_N, force_N(), opening_m_, dt_s);
   } else {
     // What they meet as they narrow on the way down is not where the gripper is to stand yet.
-    const bool meets = reference.phase == LimbPhase::kDescend && grasp_.touches(force_N());
+    const bool meets = reference.phase == LimbPhase::kDescend && !reference.on_foothold && grasp_.touches(force_N());
     grasp_.open_to(meets ? reference.open_m : wanted_opening_m(reference), dt_s);
   }
 }
@@ -63,13 +63,13 @@ double Fingers::residual_N(const LimbReference& reference, bool begun, bool touc
 }
 
 double Fingers::grip_opening_m(const LimbReference& reference, bool in_contact) const noexcept {
-  if (reference.point_foot || !(reference.gripping() || reference.closing())) return reference.finger_opening_m;
+  if (reference.foot() || !(reference.gripping() || reference.closing())) return reference.finger_opening_m;
   return std::clamp(in_contact ? gripped_opening_m_ : opening_m_, gripper_.opening_m.low, gripper_.opening_m.high);
 }
 
 bool Fingers::finds_no_hold(const LimbReference& reference, bool begun) const noexcept {
   const bool seeks = begun ? reference.closing() : reference.gripping();
-  return seeks && closed();
+  return seeks && !reference.on_foothold && closed();
 }
 
 bool Fingers::closes_on_nothing() const noexcept {

@@ -23,6 +23,7 @@ constexpr double kSticks = 0.125;
 // that give way bear now more, now less.
 constexpr double kStaysBlocked = 0.5;
 constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
+constexpr double kStandsOn = 0.3;    // of its planned normal force: a foot on a foothold that presses so stands
 
 /// The gripper still grips: it aims from the commanded body pose, and where it grips is remembered. A foot has found
 /// its place when it bears its load: at the planned instant of touch-down a servo's lag still parts it from the ground.
@@ -125,7 +126,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W, 
   const Pose gripper_W = body_W * state_.gripper_B;
   const Vector3 off_m = gripper_W.position_m - reference.gripper_position_W_m;
   in_contact_ = on_hold(reference);
-  to_touch_ = in_contact_ && !begun && !reference.point_foot && !presses();
+  to_touch_ = in_contact_ && !begun && !reference.foot() && !presses();
   found_ = in_contact_ && !to_touch_;
   find_turn(gripper_W.rotation, reference);
   beside_W_m_.setZero();
@@ -171,6 +172,12 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
   if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
   const bool unloaded = trusts_force_torque_ ? wrench_W().force_N.norm() < control_.unload_force_N
                                              : borne_Nm_.norm() < supervisor_.max_ft_residual_Nm;
+  if (reference.on_foothold) {
+    blocked_ = false;
+    const bool stands = stands_on_foot(reference, dt_s);
+    const bool arrived = stands || distance_m <= supervisor_.arrive_tolerance_m;
+    return {.unloaded = unloaded, .opened = true, .arrived = arrived, .gripped = stands};
+  }
   const bool on_its_way = reference.passing() || reference.phase == LimbPhase::kDescend;
   blocked_ = on_its_way && caught(blocked_ ? kStaysBlocked : 1.0);
   return {.unloaded = unloaded,
@@ -178,6 +185,16 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
           .arrived = fingers_.opened(reference) && distance_m <= supervisor_.arrive_tolerance_m,
           .gripped = fingers_.gripped(reference, dt_s),
           .blocked = blocked_};
+}
+
+bool LimbController::stands_on_foot(const LimbReference& reference, double dt_s) noexcept {
+  const double planned_N = reference.wrench_W.force_N.dot(reference.off_W());
+  const bool loaded = reference.gripping() && reference.load >= 1.0;
+  const double least_N =
+      std::min(control_.contact_force_N, loaded ? kStandsOn * std::max(planned_N, 0.0) : control_.contact_force_N);
+  const bool touches = trusts_force_torque_ ? foot_force_N(reference) >= least_N : runs_against();
+  stood_s_ = touches ? stood_s_ + dt_s : 0.0;
+  return stood_s_ >= supervisor_.persistence_s;
 }
 
 Pose LimbController::target_W(const LimbReference& reference) const noexcept {
@@ -200,7 +217,7 @@ void LimbController::grip_at(const Vector3& place_W_m, const Pose& target_W, con
 /// A gripper on a hold stays turned as it is; a foot may turn on its point.
 void LimbController::find_turn(const Matrix3& rotation_W, const LimbReference& reference) noexcept {
   grip_rotation_W_ = rotation_W;
-  turn_found_ = found_ && !reference.point_foot;
+  turn_found_ = found_ && !reference.foot();
 }
 
 bool LimbController::follow_contact(const LimbReference& reference, const Pose& body_estimate_W,
@@ -215,7 +232,7 @@ bool LimbController::follow_contact(const LimbReference& reference, const Pose& 
     const std::size_t begins = reference.back ? 1 : 0, ends = 1 - begins;
     if (contact) {
       known_[ends] = {};
-      fingers_.grip();
+      if (!reference.on_foothold) fingers_.grip();
     } else {
       // Fingers that turn back before they have left close where they are.
       if (in_contact_) {
@@ -290,7 +307,9 @@ void LimbController::comply(const LimbReference& reference, const Wrench& all_W,
     return;
   }
   // A gripper that runs against something bears a force, which is no bias; its joints tell.
-  const bool runs_against = !reference.point_foot && this->runs_against();
+  // A foot that comes down early yields to its surface, whatever its joints show of it.
+  const bool lands = reference.on_foothold && reference.phase == LimbPhase::kDescend && foot_force_N(reference) > 0.0;
+  const bool runs_against = !reference.point_foot && (lands || this->runs_against());
   Vector3 felt_N = runs_against ? wrench_W().force_N : Vector3::Zero();
   // What it runs against from the side, in passing over, stands out further than planned, or the gripper is lower than
   // it seems: it goes over it. A finger that still rubs on the hold it leaves would only be pulled along that.

@@ -150,6 +150,10 @@ class LimbController {
     fingers_.stand(fingers_stand);
   }
   bool joint_stands() const noexcept { return joint_stands_; }
+  /// Of one on a foothold: what its surface pushes it with, along the normal.
+  double foot_force_N(const LimbReference& reference) const noexcept {
+    return wrench_W().force_N.dot(reference.off_W());
+  }
   /// It yields to no force: it is blind(), or a joint of it stands.
   bool rigid() const noexcept { return joint_stands_ || blind(); }
   /// Fingers::residual_N(), by what the F/T sensor feels.
@@ -179,6 +183,8 @@ class LimbController {
     Vector3 offset_m() const { return known ? Vector3(found_W_m - planned_W_m) : Vector3::Zero(); }
   };
 
+  /// Once a cycle: its foot has pressed on its foothold for long enough.
+  bool stands_on_foot(const LimbReference& reference, double dt_s) noexcept;
   bool presses() const noexcept { return fingers_.force_N() >= control_.min_grasp_force_N; }
   /// The commands are these angles, and do not move.
   void stay_at(const JointVector& q_rad) noexcept;
@@ -231,6 +237,7 @@ class LimbController {
   bool in_contact_ = false;  ///< aims from the commanded body pose
   bool pulled_ = false;      ///< does so too, though the plan does not count it as in contact yet
   double late_s_ = 0.0;      ///< by which the cycle before began late, and asked the nodes for their readings
+  double stood_s_ = 0.0;     ///< that its foot has pressed on its foothold
   bool blocked_ = false;     ///< something is in its way, and has not let it go since
   bool found_ = false;
   bool to_touch_ = false;  ///< not found before the fingers press

@@ -20,6 +20,7 @@ constexpr int kPadRows = kLimbs * kPads * kPlanes;
 constexpr int kRows = kPadRows + kAllJoints;
 
 constexpr double kLeastLoad = 1e-3;
+constexpr double kNoMoment = 1e6;  // times dearer: a foot has none
 // [N] of exceeding a limit by 1 N, far above what moving a force by 1 N costs. A pad beyond its cone slips; a joint at
 // its limit gives way, and the other limbs take over.
 constexpr double kPadPrice = 1e4, kJointPrice = 1e3;
@@ -56,6 +57,12 @@ PadLimit pad_limit(const Vector3& axis_W, int pad, const Contact& contact, doubl
   return limit;
 }
 
+/// The wrench of `bearer` about its gripper's centre.
+Wrench about_gripper(const Bearer& bearer, const Wrench& wrench_W) {
+  if (!bearer.foot.stands) return wrench_W;
+  return {wrench_W.force_N, wrench_W.moment_Nm + bearer.foot.to_foot_W_m.cross(wrench_W.force_N)};
+}
+
 /// Second derivative of |z| by (F, M) where z is `at_N`: what a tangent plane leaves out.
 WrenchMatrix curvature(const PadMap& map, const Vector3& at_N) {
   const Vector3 normal = at_N.normalized();
@@ -77,9 +84,11 @@ JointVector joint_torque(const Capacity& capacity, const Wrench& wrench_W, const
 bool exceeds(const Capacity& capacity, const Bearer& bearer, const Wrench& wrench_W, const Matrix3& rotation_WB,
              const ControlParameters& control) {
   if (bearer.load <= 0.0) return false;
-  const double squeeze_N = needed_grasp_force_N(wrench_W, bearer.finger_axis_W, capacity.contact, control);
-  const JointVector torque_Nm = joint_torque(capacity, wrench_W, rotation_WB);
-  return squeeze_N > capacity.contact.max_normal_N || (torque_Nm.cwiseAbs() - capacity.max_torque_Nm).maxCoeff() > 0.0;
+  const JointVector torque_Nm = joint_torque(capacity, about_gripper(bearer, wrench_W), rotation_WB);
+  const bool weak = (torque_Nm.cwiseAbs() - capacity.max_torque_Nm).maxCoeff() > 0.0;
+  if (bearer.foot.stands) return weak;
+  return weak || needed_grasp_force_N(wrench_W, bearer.finger_axis_W, capacity.contact, control) >
+                     capacity.contact.max_normal_N;
 }
 
 }  // namespace
@@ -107,6 +116,7 @@ struct LoadSharing::Program {
   void weigh(int limb, const Bearer& bearer, const Vector3& com_W_m) noexcept;
   void limit_pads(int limb, const Bearer& bearer, const Wrench& balanced_W, const Contact& contact,
                   const ControlParameters& control) noexcept;
+  void limit_foot(int limb, const Bearer& bearer, const Wrench& balanced_W) noexcept;
   void limit_joints(int limb, const Bearer& bearer, const Capacity& capacity, const Wrench& balanced_W,
                     const Matrix3& rotation_WB) noexcept;
   void solve() noexcept;
@@ -140,6 +150,32 @@ void LoadSharing::Program::weigh(int limb, const Bearer& bearer, const Vector3& 
   balance.block<3, 3>(0, at).setIdentity();
   balance.block<3, 3>(3, at) = skew(bearer.position_W_m - com_W_m);
   balance.block<3, 3>(3, at + 3).setIdentity();
+  if (!bearer.foot.stands) return;
+  price.diagonal().segment<3>(at + 3) *= kNoMoment;
+  balance.block<3, 3>(3, at + 3).setZero();
+}
+
+/// Friction's cone by its tangent planes, and the normal force between none and the most.
+void LoadSharing::Program::limit_foot(int limb, const Bearer& bearer, const Wrench& balanced_W) noexcept {
+  const FootCone& foot = bearer.foot;
+  const int first = limb * kPads * kPlanes, at = limb * kWrench;
+  limits.middleRows<kPads * kPlanes>(first).setZero();
+  upper.segment<kPads * kPlanes>(first).setConstant(kNoLimit);
+  if (bearer.load <= 0.0) return;
+  const Vector3& normal = foot.normal_W;
+  const double pressed_N = normal.dot(balanced_W.force_N);
+  const std::array<Vector3, kPlanes> at_N = {balanced_W.force_N, balanced_W.force_N + change(limb).head<3>()};
+  for (int plane = 0; plane < kPlanes; ++plane) {
+    const Vector3 along = (at_N[plane] - normal.dot(at_N[plane]) * normal).normalized() / foot.friction;
+    limits.row(first + plane).segment<3>(at) = (along - normal).transpose();
+    upper[first + plane] = pressed_N - along.dot(balanced_W.force_N);
+  }
+  const int pulls = first + kPlanes, presses = pulls + 1;
+  limits.row(pulls).segment<3>(at) = -normal.transpose();
+  upper[pulls] = pressed_N;
+  limits.row(presses).segment<3>(at) = normal.transpose();
+  upper[presses] = foot.max_normal_N - pressed_N;
+  limits.block<kPads * kPlanes, 1>(first, kPadExcess).setConstant(-1.0);
 }
 
 void LoadSharing::Program::limit_pads(int limb, const Bearer& bearer, const Wrench& balanced_W, const Contact& contact,
@@ -182,7 +218,8 @@ void LoadSharing::Program::limit_joints(int limb, const Bearer& bearer, const Ca
   Eigen::Matrix<double, kJoints, kWrench> torque_of;
   torque_of << capacity.limb->jacobian_B.topRows<3>().transpose() * -rotation_WB.transpose(),
       capacity.limb->jacobian_B.bottomRows<3>().transpose() * -rotation_WB.transpose();
-  const JointVector balanced_Nm = joint_torque(capacity, balanced_W, rotation_WB);
+  if (bearer.foot.stands) torque_of.leftCols<3>() += torque_of.rightCols<3>() * skew(bearer.foot.to_foot_W_m);
+  const JointVector balanced_Nm = joint_torque(capacity, about_gripper(bearer, balanced_W), rotation_WB);
   const JointVector last_Nm = balanced_Nm + torque_of * change(limb);
   for (int j = 0; j < kJoints; ++j) {
     const double side = last_Nm[j] < 0.0 ? -1.0 : 1.0;
@@ -247,7 +284,11 @@ PerLimb<Wrench> LoadSharing::within_limits(const PerLimb<Wrench>& balanced, cons
   const bool solves = !within && p.cycle++ % kEvery == 0;
   for (int l = 0; l < kLimbs && solves; ++l) {
     p.weigh(l, bearers[l], com_W_m);
-    p.limit_pads(l, bearers[l], balanced[l], capacities[l].contact, control);
+    if (bearers[l].foot.stands) {
+      p.limit_foot(l, bearers[l], balanced[l]);
+    } else {
+      p.limit_pads(l, bearers[l], balanced[l], capacities[l].contact, control);
+    }
     p.limit_joints(l, bearers[l], capacities[l], balanced[l], rotation_WB);
   }
   if (solves) p.solve();

@@ -22,7 +22,7 @@ struct Capacity {
 /// balanced one, under
 ///   Σ Δ = 0 about the centre of mass,
 ///   the squeeze each pad needs (required_grasp_force_N) ≤ the most that its hold and actuator allow,
-///   |τ| ≤ max_torque_Nm of every joint.
+///   |τ| ≤ max_torque_Nm of every joint, and a foot's force in its cone.
 /// The cone of a pad enters by tangent planes where it was touched last, a joint's limit by the side it was nearer to,
 /// so that answers of successive cycles converge. What planes leave out of the cones, their curvature, is counted with
 /// the multipliers of the last solution: without it answers swing for ever where limits cannot all be kept. Limits that

@@ -10,8 +10,28 @@ namespace {
 
 // Keeps the normal matrix regular when too few limbs bear load; 1e-9 of its size does not show in the balance.
 constexpr double kRegularisation = 1e-9;
+constexpr double kInCone_N = 1e-9;         // a force so near to its cone counts as in it
+constexpr double kMostUtilisation = 10.0;  // of a foot that all but hangs in the air
 
 }  // namespace
+
+Vector3 FootCone::nearest_W_N(const Vector3& force_W_N) const noexcept {
+  const double normal_N = normal_W.dot(force_W_N);
+  const Vector3 along_N = force_W_N - normal_N * normal_W;
+  const double size_N = along_N.norm();
+  const double on_cone_N = (normal_N + friction * size_N) / (1.0 + friction * friction);
+  const bool inside = size_N <= friction * normal_N;
+  const double pressed_N = std::clamp(inside ? normal_N : on_cone_N, 0.0, max_normal_N);
+  const double share = size_N > 0.0 ? std::min(friction * pressed_N / size_N, 1.0) : 0.0;
+  return pressed_N * normal_W + share * along_N;
+}
+
+double FootCone::utilisation(const Vector3& force_W_N) const noexcept {
+  const double normal_N = normal_W.dot(force_W_N);
+  const double along_N = (force_W_N - normal_N * normal_W).norm();
+  const double bearable_N = friction * std::max(normal_N, 0.0);
+  return along_N < kMostUtilisation * bearable_N ? along_N / bearable_N : kMostUtilisation;
+}
 
 PerLimb<Wrench> balanced_wrenches(const PerLimb<Bearer>& limbs, const Vector3& com_W_m, const Vector3& weight_W_N,
                                   double twist_length_m) noexcept {
@@ -28,7 +48,7 @@ PerLimb<Wrench> balanced_wrenches(const PerLimb<Bearer>& limbs, const Vector3& c
     map[l].topLeftCorner<3, 3>().setIdentity();
     map[l].bottomLeftCorner<3, 3>() = skew(arm);
     map[l].col(3) << Vector3::Zero(), twist_length_m * limb.finger_axis_W;
-    normal += limb.load * map[l] * map[l].transpose();
+    if (!limb.fixed) normal += limb.load * map[l] * map[l].transpose();
     wrenches[l] = limb.planned_W;
     missing.head<3>() -= limb.planned_W.force_N;
     missing.tail<3>() -= arm.cross(limb.planned_W.force_N) + limb.planned_W.moment_Nm;
@@ -36,12 +56,32 @@ PerLimb<Wrench> balanced_wrenches(const PerLimb<Bearer>& limbs, const Vector3& c
   normal += kRegularisation * (normal.trace() + 1.0) * Matrix6::Identity();
   const Vector6 multiplier = normal.ldlt().solve(missing);
   for (int l = 0; l < kLimbs; ++l) {
-    if (limbs[l].load <= 0.0) continue;
+    if (limbs[l].load <= 0.0 || limbs[l].fixed) continue;
     const Eigen::Vector4d share = limbs[l].load * (map[l].transpose() * multiplier);
     wrenches[l].force_N += share.head<3>();
     wrenches[l].moment_Nm += share[3] * twist_length_m * limbs[l].finger_axis_W;
   }
   return wrenches;
+}
+
+PerLimb<Wrench> within_cones(const PerLimb<Wrench>& wrenches, const PerLimb<Bearer>& limbs, const Vector3& com_W_m,
+                             const Vector3& weight_W_N, double twist_length_m) noexcept {
+  PerLimb<Wrench> within = wrenches;
+  PerLimb<Bearer> bearers = limbs;
+  for (int feet = 0; feet < kLimbs; ++feet) {
+    bool beyond = false;
+    for (int l = 0; l < kLimbs; ++l) {
+      Bearer& foot = bearers[l];
+      if (!foot.foot.stands || foot.fixed || foot.load <= 0.0) continue;
+      const Vector3 nearest_N = foot.foot.nearest_W_N(within[l].force_N);
+      if ((nearest_N - within[l].force_N).norm() <= kInCone_N) continue;
+      foot.planned_W = {nearest_N, Vector3::Zero()};
+      foot.fixed = beyond = true;
+    }
+    if (!beyond) break;
+    within = balanced_wrenches(bearers, com_W_m, weight_W_N, twist_length_m);
+  }
+  return within;
 }
 
 void share_along_plane(const PerLimb<Vector3>& foot_W_m, PerLimb<Wrench>& wrenches) noexcept {

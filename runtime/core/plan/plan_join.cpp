@@ -130,6 +130,8 @@ std::string join_defect(const plan_t& before, const plan_t& part) {
     defect << "a plan has no knots";
   } else if (is_walk(before) || is_walk(part)) {
     defect << "a walk has no parts";
+  } else if (before.format == plan_t::FORMAT_FEET || part.format == plan_t::FORMAT_FEET) {
+    defect << "a plan with footholds has no parts";
   } else if (part.format != before.format) {
     defect << "its format is " << part.format << ", the loaded plan's is " << before.format;
   } else if (part.patch_k_m != before.patch_k_m || part.max_normal_n != before.max_normal_n ||
@@ -183,8 +185,8 @@ std::unique_ptr<const PreparedPlan> prepare_joined(const plan_t& before, const p
 }
 
 int shared_intervals(const PreparedPlan& one, const PreparedPlan& other) noexcept {
-  if (one.point_feet || other.point_feet || one.swing.fingers_move != other.swing.fingers_move ||
-      one.swing.lift != other.swing.lift) {
+  if (one.point_feet || other.point_feet || one.footholds || other.footholds ||
+      one.swing.fingers_move != other.swing.fingers_move || one.swing.lift != other.swing.lift) {
     return 0;
   }
   const int most = std::min(one.intervals(), other.intervals());

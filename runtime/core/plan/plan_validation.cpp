@@ -13,6 +13,7 @@
 namespace crux {
 namespace {
 
+using crux_msgs::hold_t;
 using crux_msgs::limb_knot_t;
 using crux_msgs::plan_knot_t;
 using crux_msgs::plan_t;
@@ -21,7 +22,9 @@ constexpr double kTimeTolerance_s = 1e-6;
 constexpr double kMinStep_s = 1e-3, kMaxStep_s = 3600.0;  // between knots with times of their own
 constexpr double kPoseTolerance = 1e-6;                   // of a gripper that must not have moved [m, rad]
 constexpr double kForceTolerance_N = 1e-3;
+constexpr double kMomentTolerance_Nm = 1e-4;  // of a foot, which bears none
 constexpr double kRightAngle_rad = std::numbers::pi / 2.0;
+constexpr double kNormalTolerance = 1e-6;  // between unit vectors
 // What the runtime's own loop could follow without anyone noticing.
 constexpr double kReachTolerance_m = 1e-3;
 constexpr double kReachTolerance_rad = 1e-2;
@@ -56,9 +59,9 @@ bool all_finite(const double* values, int n) {
 }
 
 std::string identity_defect(const RobotDescription& robot, const plan_t& plan) {
-  if (plan.format < plan_t::FORMAT || plan.format > plan_t::FORMAT_MOVING_FINGERS) {
+  if (plan.format < plan_t::FORMAT || plan.format > plan_t::FORMAT_FEET) {
     return Sentence() << "plan format is " << plan.format << "; this runtime reads formats " << plan_t::FORMAT << " to "
-                      << plan_t::FORMAT_MOVING_FINGERS;
+                      << plan_t::FORMAT_FEET;
   }
   if (plan.robot_name != robot.name) {
     return Sentence() << "the plan is for robot '" << plan.robot_name << "', this is '" << robot.name << "'";
@@ -141,6 +144,45 @@ std::string foot_defect(const RobotDescription& robot, const plan_t& plan, std::
   return {};
 }
 
+/// What a foot on a foothold with normal `normal_W` bears: a push within friction, half by each finger, at its point.
+std::string push_defect(const std::string& where, const plan_t& plan, const limb_knot_t& limb,
+                        const Vector3& normal_W) {
+  const Vector3 first_N(limb.finger_force_w_n), second_N(limb.finger_force_w_n + 3), force_N = first_N + second_N;
+  const double normal_N = force_N.dot(normal_W), along_N = (force_N - normal_N * normal_W).norm();
+  if (!(normal_N >= -kForceTolerance_N && normal_N <= plan.max_normal_n + kForceTolerance_N)) {
+    return Sentence() << where << "the foot presses with " << normal_N << " N; possible is 0.." << plan.max_normal_n
+                      << " N";
+  }
+  if (!(along_N <= limb.friction * normal_N + kForceTolerance_N)) {
+    return Sentence() << where << "the foot bears " << along_N << " N along its surface; friction holds "
+                      << limb.friction * normal_N << " N";
+  }
+  if (!((first_N - second_N).norm() <= kForceTolerance_N))
+    return Sentence() << where << "the fingers of a foot bear half of its force each";
+  for (const double moment_Nm : limb.finger_moment_w_nm) {
+    if (!(std::abs(moment_Nm) <= kMomentTolerance_Nm))
+      return Sentence() << where << "the foot bears a moment of " << moment_Nm << " Nm; possible is none";
+  }
+  return {};
+}
+
+/// A foot stands at a foothold, along its normal.
+std::string foothold_defect(const std::string& where, const plan_t& plan, const limb_knot_t& limb) {
+  if (limb.hold >= plan.n_holds || plan.holds[limb.hold].graspable != hold_t::FOOTHOLD)
+    return Sentence() << where << "the foot stands on hold " << limb.hold << ", which is no foothold";
+  const hold_t& foothold = plan.holds[limb.hold];
+  const Vector3 place_W_m(foothold.position_w_m), off_m = Vector3(limb.gripper_position_w_m) - place_W_m;
+  if (!(off_m.norm() <= kPoseTolerance))
+    return Sentence() << where << "the foot stands " << off_m.norm() << " m from its foothold";
+  if (!(foothold.size_m[0] > 0.0 && std::isfinite(foothold.size_m[0])))
+    return Sentence() << where << "the foothold is " << foothold.size_m[0] << " m wide; it must be above 0";
+  const Vector3 normal_W = rotation_from_rpy({foothold.tilt_rad[0], foothold.tilt_rad[1], foothold.yaw_rad}).col(2);
+  const Vector3 up_W = gripper_rotation(limb.gripper_yaw_w_rad, Eigen::Vector2d(limb.gripper_tilt_w_rad)).col(2);
+  if (!((up_W - normal_W).norm() <= kNormalTolerance))
+    return Sentence() << where << "the foot is tilted by " << (up_W - normal_W).norm() << " off its surface's normal";
+  return push_defect(where, plan, limb, normal_W);
+}
+
 std::string grasp_defect(const RobotDescription& robot, const plan_t& plan, std::size_t k, int l) {
   const limb_knot_t& limb = plan.knots[k].limbs[l];
   const std::string where = place(robot, k, l);
@@ -156,6 +198,12 @@ std::string grasp_defect(const RobotDescription& robot, const plan_t& plan, std:
                         << " rad; possible is 0 to less than a right angle";
     }
   }
+  if (limb.finger1_face < 0 || limb.finger1_face >= limb_knot_t::FACE_WALL ||
+      plan.holds[limb.hold].graspable == hold_t::FOOTHOLD) {
+    return Sentence() << where << "finger1_face is " << static_cast<int>(limb.finger1_face) << " on hold " << limb.hold
+                      << "; a hold is gripped by its side faces, and footholds belong to plans of format "
+                      << plan_t::FORMAT_FEET;
+  }
   const double max_normal_N = std::min(plan.max_normal_n, robot.gripper.max_finger_force_N);
   for (int finger = 0; finger < 2; ++finger) {
     const double normal_N = finger_normal_N(limb, finger);
@@ -170,7 +218,10 @@ std::string grasp_defect(const RobotDescription& robot, const plan_t& plan, std:
 std::string stance_defect(const RobotDescription& robot, const plan_t& plan, bool walk, std::size_t k, int l) {
   const limb_knot_t& limb = plan.knots[k].limbs[l];
   const std::string where = place(robot, k, l);
-  std::string defect = walk ? foot_defect(robot, plan, k, l) : grasp_defect(robot, plan, k, l);
+  const bool foot = plan.format == plan_t::FORMAT_FEET && limb.finger1_face == limb_knot_t::FACE_WALL && limb.hold >= 0;
+  std::string defect = walk   ? foot_defect(robot, plan, k, l)
+                       : foot ? foothold_defect(where, plan, limb)
+                              : grasp_defect(robot, plan, k, l);
   if (!defect.empty()) return defect;
   if (!(limb.friction > 0.0))
     return Sentence() << where << "friction is " << limb.friction << "; a limb in stance needs more than 0";
@@ -183,7 +234,8 @@ std::string stance_defect(const RobotDescription& robot, const plan_t& plan, boo
     for (int i = 0; i < 3; ++i) {
       moved = std::max(moved, std::abs(limb.gripper_position_w_m[i] - before.gripper_position_w_m[i]));
     }
-    if (moved > kPoseTolerance || limb.hold != before.hold) {
+    const bool shifts = std::abs(limb.finger_separation_m - before.finger_separation_m) > kPoseTolerance;
+    if (moved > kPoseTolerance || limb.hold != before.hold || (foot && shifts)) {
       return Sentence() << where << "the gripper moves in stance; it must release its hold first";
     }
   }

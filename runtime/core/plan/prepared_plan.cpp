@@ -15,6 +15,14 @@ Vector3 axis_W(const crux_msgs::limb_knot_t& knot) {
   return gripper_rotation(knot.gripper_yaw_w_rad, Eigen::Vector2d(knot.gripper_tilt_w_rad)).col(0);
 }
 
+/// A foot's position is its foot point, `radius_m` under the gripper.
+Vector3 gripper_W_m(const crux_msgs::limb_knot_t& knot, double radius_m) {
+  const Vector3 place_W_m(knot.gripper_position_w_m);
+  if (radius_m == 0.0) return place_W_m;
+  const Matrix3 rotation = gripper_rotation(knot.gripper_yaw_w_rad, Eigen::Vector2d(knot.gripper_tilt_w_rad));
+  return place_W_m + radius_m * rotation.col(2);
+}
+
 /// F = f₁ + f₂, M = Σ (pᵢ − c) × fᵢ + mᵢ with the fingers at ± half the separation along the opening axis.
 Wrench gripper_wrench(const crux_msgs::limb_knot_t& knot) {
   const Vector3 axis = axis_W(knot);
@@ -38,6 +46,10 @@ bool on_hold(const crux_msgs::plan_t& plan, const crux_msgs::limb_knot_t& knot) 
   return knot.phase == crux_msgs::limb_knot_t::STANCE && knot.hold >= 0 && knot.hold < plan.n_holds;
 }
 
+bool on_foothold(const crux_msgs::plan_t& plan, const crux_msgs::limb_knot_t& knot) {
+  return on_hold(plan, knot) && knot.finger1_face == crux_msgs::limb_knot_t::FACE_WALL;
+}
+
 /// Of the faces under both fingers; finger 2 touches the one opposite.
 std::array<double, 2> leans_rad(const crux_msgs::plan_t& plan, const crux_msgs::limb_knot_t& knot) {
   if (!on_hold(plan, knot) || knot.finger1_face < 0 || knot.finger1_face >= crux_msgs::limb_knot_t::FACE_WALL)
@@ -52,7 +64,7 @@ double alone_m(const crux_msgs::plan_t& plan, const crux_msgs::limb_knot_t& knot
   double least_m = std::numeric_limits<double>::infinity();
   for (int i = 0; i < plan.n_holds; ++i) {
     const crux_msgs::hold_t& other = plan.holds[i];
-    if (i == knot.hold) continue;
+    if (i == knot.hold || other.graspable == crux_msgs::hold_t::FOOTHOLD) continue;
     const double away_m = std::hypot(other.position_w_m[0] - knot.gripper_position_w_m[0],
                                      other.position_w_m[1] - knot.gripper_position_w_m[1]);
     const bool upright = other.tilt_rad[0] == 0.0 && other.tilt_rad[1] == 0.0;
@@ -136,7 +148,8 @@ bool is_walk(const crux_msgs::plan_t& plan) {
   using crux_msgs::limb_knot_t;
   for (const crux_msgs::plan_knot_t& knot : plan.knots) {
     for (const limb_knot_t& limb : knot.limbs) {
-      if (limb.phase == limb_knot_t::STANCE && limb.finger1_face != limb_knot_t::FACE_WALL) return false;
+      if (limb.phase == limb_knot_t::STANCE && (limb.finger1_face != limb_knot_t::FACE_WALL || limb.hold >= 0))
+        return false;
     }
   }
   return true;
@@ -161,8 +174,13 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
     prepared->body[k] << Vector3(knot.body_position_w_m), Vector3(knot.body_rpy_rad);
     for (int l = 0; l < kLimbs; ++l) {
       const crux_msgs::limb_knot_t& from = knot.limbs[l];
+      const bool foot = on_foothold(plan, from);
+      const double radius_m = foot ? 0.5 * plan.holds[from.hold].size_m[0] : 0.0;
+      prepared->footholds = prepared->footholds || foot;
       prepared->limbs[k][l] = {.air = from.phase == crux_msgs::limb_knot_t::AIR,
-                               .gripper_position_W_m = Vector3(from.gripper_position_w_m),
+                               .foot = foot,
+                               .foot_radius_m = radius_m,
+                               .gripper_position_W_m = gripper_W_m(from, radius_m),
                                .gripper_yaw_W_rad = from.gripper_yaw_w_rad,
                                .gripper_tilt_W_rad = Eigen::Vector2d(from.gripper_tilt_w_rad),
                                .finger_opening_m = 0.5 * from.finger_separation_m,

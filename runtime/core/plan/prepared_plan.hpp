@@ -14,6 +14,8 @@ namespace crux {
 /// One limb at one knot.
 struct LimbKnot {
   bool air = false;
+  bool foot = false;           ///< stands on a foothold: pushes, and grips nothing
+  double foot_radius_m = 0.0;  ///< from its foot point to the gripper, along the gripper's z
   Vector3 gripper_position_W_m = Vector3::Zero();
   double gripper_yaw_W_rad = 0.0;
   Eigen::Vector2d gripper_tilt_W_rad = Eigen::Vector2d::Zero();  ///< see gripper_rotation()
@@ -22,7 +24,8 @@ struct LimbKnot {
   std::array<double, 2> lean_rad{};  ///< of the faces under fingers 1 and 2
   double hold_top_m = 0.0;           ///< of the hold gripped, off the wall
   double alone_m = 0.0;  ///< from the gripper, along the wall, to the next thing that stands on it; 0 in the air
-  // On the robot about the gripper centre, piecewise constant over the interval that begins here.
+  // On the robot about the gripper centre, a foot's about its foot point, piecewise constant over the interval that
+  // begins here.
   Wrench wrench_W;
   double squeeze_N = 0.0;  ///< mean of what both fingers press along the axis through them
 };
@@ -44,6 +47,7 @@ struct PreparedPlan {
   int shared = 0;       ///< intervals from the first that it has of that plan
   SwingShares swing;
   bool point_feet = false;  ///< a walk: limbs in stance stand on the wall itself
+  bool footholds = false;   ///< some limb stands on a foothold, as a point foot among grips
   Vector3 gravity_W_m_s2 = Vector3::Zero();
   double patch_k_m = 0.0;
   double max_normal_N = 0.0;
@@ -63,10 +67,10 @@ struct PreparedPlan {
   bool takes_hold(int k, int l) const { return k > 0 && k <= intervals() && !limbs[k][l].air && limbs[k - 1][l].air; }
 };
 
-/// Every limb in stance stands on the wall itself.
+/// Every limb in stance stands on the wall itself, none on a foothold.
 bool is_walk(const crux_msgs::plan_t& plan);
 
-/// The tables of a plan, without asking whether it makes sense. Point feet are at their foot points.
+/// The tables of a plan, without asking whether it makes sense. Point feet of a walk are at their foot points.
 std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan);
 
 /// Slopes of the monotone piecewise cubic through values that stand step_s[i] apart (Fritsch & Carlson 1980; one-sided

@@ -29,12 +29,18 @@ void place_gripper(LimbReference& out, const LimbKnot& from, const LimbKnot& to,
   out.gripper_tilt_W_rad = from.gripper_tilt_W_rad + share * (to.gripper_tilt_W_rad - from.gripper_tilt_W_rad);
 }
 
+void stand_on(const LimbKnot& foothold, LimbReference& out) {
+  out.on_foothold = foothold.foot;
+  out.foot_radius_m = foothold.foot_radius_m;
+}
+
 void play_stance(const PreparedPlan& plan, int k, double u, int l, bool back, LimbReference& out) {
   const LimbKnot& here = plan.limbs[k][l];
   place_gripper(out, here, here, 0.0);
   out.finger_opening_m = here.finger_opening_m;
   out.friction = here.friction;
   out.lean_rad = here.lean_rad;
+  stand_on(here, out);
   if (plan.lets_go(k + 1, l)) {
     out.load = 1.0 - unload_ramp(u);
     if (u > kUnloadBegin) out.phase = back ? LimbPhase::kLoad : LimbPhase::kUnload;
@@ -51,16 +57,20 @@ void play_stance(const PreparedPlan& plan, int k, double u, int l, bool back, Li
 /// open as `open` says, 0 on the hold and 1 at `air`, and by `clear` as the gripper begins to leave.
 void play_swing_end(const LimbKnot& grasp, const LimbKnot& air, LimbPhase phase, double open, double clear,
                     LimbReference& out) {
-  const double opens_m = air.finger_opening_m - grasp.finger_opening_m;
+  const double opens_m = grasp.foot ? 0.0 : air.finger_opening_m - grasp.finger_opening_m;
   out.phase = phase;
   out.open_m = air.finger_opening_m;
   out.finger_opening_m = out.closing() ? grasp.finger_opening_m : air.finger_opening_m;
   if (phase == LimbPhase::kDescend) out.finger_opening_m -= (1.0 - open) * opens_m;
   if (phase == LimbPhase::kOpen || phase == LimbPhase::kLift) out.opens_m = opens_m;
-  if (phase == LimbPhase::kOpen) out.may_lack_m = (1.0 - clear) * opens_m;
+  if (phase == LimbPhase::kOpen) {
+    out.may_lack_m = (1.0 - clear) * opens_m;
+    stand_on(grasp, out);
+  }
   if (phase == LimbPhase::kDescend || out.closing()) {
     out.friction = grasp.friction;
     out.lean_rad = grasp.lean_rad;
+    stand_on(grasp, out);
   }
 }
 

@@ -41,15 +41,22 @@ struct LimbReference {
   double gripper_yaw_W_rad = 0.0;
   Eigen::Vector2d gripper_tilt_W_rad = Eigen::Vector2d::Zero();
   double finger_opening_m = 0.0;
-  double open_m = 0.0;               ///< the same, at either end of a swing, where the fingers are open for the way
-  double opens_m = 0.0;              ///< while it leaves a hold: how much further open than on it
-  double may_lack_m = 0.0;           ///< of that, as it lifts
-  Wrench wrench_W;                   ///< on the robot about the gripper centre
-  double squeeze_N = 0.0;            ///< of each finger, as planned
-  double friction = 0.0;             ///< of the hold gripped or about to be gripped
+  double open_m = 0.0;      ///< the same, at either end of a swing, where the fingers are open for the way
+  double opens_m = 0.0;     ///< while it leaves a hold: how much further open than on it
+  double may_lack_m = 0.0;  ///< of that, as it lifts
+  Wrench wrench_W;          ///< on the robot about the gripper centre, of one on a foothold about its foot point
+  double squeeze_N = 0.0;   ///< of each finger, as planned
+  double friction = 0.0;    ///< of the hold gripped or about to be gripped
   std::array<double, 2> lean_rad{};  ///< of its faces under fingers 1 and 2, off the upright
   bool back = false;                 ///< in reverse: a swing leads to the hold that it began at
-  bool point_foot = false;  ///< stands or steps on the wall itself: no fingers to open or close, nothing to wait for
+  bool point_foot = false;     ///< stands or steps on the wall itself: no fingers to open or close, nothing to wait for
+  bool on_foothold = false;    ///< among grips it stands on a foothold, or comes down on one: no fingers that press
+  double foot_radius_m = 0.0;  ///< there, from the foot point to the gripper, along off_W()
+
+  /// It pushes, and grips nothing.
+  bool foot() const { return point_foot || on_foothold; }
+  /// On a foothold: from the gripper to the foot point, at which its force acts.
+  Vector3 to_foot_W_m() const { return -foot_radius_m * off_W(); }
 
   bool gripping() const {
     return phase == LimbPhase::kStance || phase == LimbPhase::kUnload || phase == LimbPhase::kLoad;

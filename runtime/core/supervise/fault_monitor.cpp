@@ -328,6 +328,11 @@ void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList&
       tell({FaultCode::kGripLost, l, can_.nodes.gripper, errors.finger_force_N[l],
             std::max(p.min_stance_force_N, errors.closes_on_nothing[l] ? errors.least_force_N[l] : 0.0)});
     }
+    if (lasts(errors.must_press[l] && errors.foot_N[l] < p.min_stance_force_N, foot_error_time_s_[l], dt_s,
+              p.persistence_s)) {
+      health_.hold_lost[l] = true;
+      tell({FaultCode::kFootLost, l, 0, errors.foot_N[l], p.min_stance_force_N});
+    }
     if (lasts(errors.finds_no_hold[l], no_hold_time_s_[l], dt_s, p.persistence_s))
       tell({FaultCode::kHoldMissing, l, can_.nodes.gripper, errors.opening_m[l], errors.hold_m[l]});
     if (errors.grasp_failed[l])

@@ -20,6 +20,8 @@ struct LoopErrors {
   PerLimb<double> ik_error_m{};
   PerLimb<double> finger_force_N{};
   PerLimb<bool> must_grip{};      ///< bears load: its fingers must press
+  PerLimb<double> foot_N{};       ///< normal force of one on a foothold
+  PerLimb<bool> must_press{};     ///< it bears load there: its foot must press
   PerLimb<bool> finds_no_hold{};  ///< its fingers, as they close, come to
   PerLimb<double> opening_m{};    ///< and press on nothing
   PerLimb<double> hold_m{};       ///< where they should have touched
@@ -127,6 +129,7 @@ class FaultMonitor {
   PerLimb<double> grip_error_time_s_{};
   PerLimb<double> hold_gone_time_s_{};
   PerLimb<double> no_hold_time_s_{};
+  PerLimb<double> foot_error_time_s_{};
   PerLimb<double> ft_residual_time_s_{};
   PerLimb<double> finger_residual_time_s_{};
   LimbHealth health_;

@@ -32,7 +32,7 @@ Reason off_start(const CycleView& now, const PlanReference& start, bool must_pre
       return {"the gripper is rotated by {value} rad from the plan's start pose (limit: {limit} rad)", l, 0, angle_rad,
               p.start_tolerance_rad};
     const double force_N = now.limbs[l].fingers().force_N();
-    if (must_press && !limb.point_foot && limb.gripping() && !(force_N >= p.min_stance_force_N))
+    if (must_press && !limb.foot() && limb.gripping() && !(force_N >= p.min_stance_force_N))
       return {"the plan starts with this gripper closed, but its fingers press with {value} N (least: {limit} N)", l, 0,
               force_N, p.min_stance_force_N};
   }

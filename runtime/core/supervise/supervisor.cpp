@@ -120,6 +120,7 @@ void Supervisor::go_on(const Observation& seen, Motion motion) noexcept {
 
 void Supervisor::reverse(const Observation& seen) noexcept {
   if (seen.walks) return refuse(kWalkStops);
+  if (seen.footholds) return refuse("a plan with footholds is not played backward");
   if (state_ == SupervisorState::kClimbing) return refuse("the robot is climbing; hold it first");
   if (state_ != SupervisorState::kHolding) return refuse("only a robot that is holding can go backward");
   if (!seen.can_reverse) return refuse("no verified stance of the plan lies behind");

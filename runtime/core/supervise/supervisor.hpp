@@ -36,6 +36,7 @@ class Supervisor {
     bool plan_started = false;   ///< the plan's clock has left zero
     bool plan_complete = false;
     bool walks = false;          ///< the plan is a walk: its balance is that of its speed
+    bool footholds = false;      ///< some limb of the plan stands on a foothold
     bool arrived = false;        ///< the plan's clock stands where its motion ends
     bool testing = false;        ///< a new grasp is being pulled
     bool can_reverse = false;    ///< a verified stance lies behind
