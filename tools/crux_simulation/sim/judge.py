@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import PlanReference
+from crux_contracts.plan_series import plan_series
 from crux_msgs import limb_knot_t, robot_state_t
 from crux_tools.robot3d.robot_model import RobotModel
 from crux_tools.telemetry.rotations import angle_between, goal_pose, hold_rotation, rotations_from_quaternions
@@ -66,10 +67,15 @@ class Tracking:
 
 
 def pad_travel(
-    truth: Truth, face_hold: Ints, contact_force_n: float, point_feet: bool = False, sides: Floats | None = None
+    truth: Truth,
+    face_hold: Ints,
+    contact_force_n: float,
+    point_feet: bool = False,
+    sides: Floats | None = None,
+    stands: Bools | None = None,
 ) -> list[float]:
     """Largest tangential travel [m] of every loaded episode of every pad; `sides` (holds, 4, 3) are the normals of the
-    holds' side faces, where some lean.
+    holds' side faces, where some lean; `stands` (4,): limbs that have footholds too, on the wall.
 
     An episode begins when a pad on a hold (point feet: on the wall) presses with `contact_force_n` and ends when its
     force is nearly gone.
@@ -80,15 +86,18 @@ def pad_travel(
         normal = np.zeros(3)
         furthest = 0.0
         force, face = truth.pad_force_n[:, pad], truth.pad_face[:, pad]
-        on_hold = (face >= 0) & ((face_hold[face] < 0) == point_feet)
+        on_wall = (face >= 0) & (face_hold[face] < 0)
+        on_hold = on_wall if point_feet else (face >= 0) & ~on_wall
+        if stands is not None and stands[pad // 2]:
+            on_hold = face >= 0
         for i in range(len(force)):
             position = truth.pad_position_m[i, pad]
             if start is None:
                 if on_hold[i] and force[i] >= contact_force_n:
                     start, furthest = position, 0.0
                     # pads press along the gripper's opening axis, feet along its z
-                    normal = truth.gripper_rotation[i, pad // 2, :, 2 if point_feet else 0]
-                    if sides is not None:
+                    normal = truth.gripper_rotation[i, pad // 2, :, 2 if on_wall[i] else 0]
+                    if sides is not None and not on_wall[i]:
                         mine = sides[face_hold[face[i]]]
                         normal = mine[(mine @ normal * (1 - 2 * (pad % 2))).argmax()]
                 continue
@@ -157,6 +166,17 @@ def _opened(truth: Truth, gone: Bools, soon: int) -> Bools:
     return opened
 
 
+def _off(truth: Truth, robot: RobotModel) -> tuple[Bools, Bools]:
+    """(n, 4) each: limbs that are off every hold, by one finger, and off the wall, where feet stand on one pad too.
+    Fingers that touch the wall are off their hold; of a limb that never stands there it counts as nothing.
+    """
+    on_wall = (truth.pad_face >= 0) & (robot.face_hold[truth.pad_face] < 0)
+    touches = truth.pad_face >= 0 if robot.point_feet else on_wall
+    pads = (-1, len(LIMB_NAMES), 2)
+    off_hold = ((truth.pad_face < 0) | on_wall).reshape(pads).any(axis=2)
+    return off_hold, ~touches.reshape(pads).any(axis=2) | ~robot.stands
+
+
 def _mishaps(
     truth: Truth, plan: Any, robot: RobotModel, given_up: Collection[int] = ()
 ) -> tuple[list[str], dict[str, float]]:
@@ -164,10 +184,8 @@ def _mishaps(
     dt_s = float(robot.model.opt.timestep)
     lost_samples = int(LOST_HOLD_S / (contact_period() * dt_s)) + 1
     time_s = truth.cycle * dt_s
-    # Fingers that touch the wall are off their hold, and feet are on it.
-    on_wall = (truth.pad_face >= 0) & (robot.face_hold[truth.pad_face] < 0)
-    pad_off = ((truth.pad_face < 0) | (on_wall & (not robot.point_feet))).reshape(-1, len(LIMB_NAMES), 2)
-    off = np.asarray(pad_off.all(axis=2) if robot.point_feet else pad_off.any(axis=2))  # a foot stands on one pad too
+    off_hold, off_wall = _off(truth, robot)
+    off = off_hold & off_wall if robot.stands.any() else off_hold
     gone = np.stack([long_runs(limb, lost_samples) for limb in off.T], axis=1)
     reference = PlanReference(plan)
     step_s: Floats = np.diff(time_s, prepend=time_s[:1]) * truth.climbing
@@ -177,6 +195,9 @@ def _mishaps(
     begun = np.maximum.accumulate(truth.climbing != 0)
 
     # The clock may lead or lag; the body keeps to its path.
+    if robot.stands.any() and not robot.point_feet:
+        series = plan_series(plan)
+        off = np.where(series.on_wall[series.knot_at(plan_s)], off_wall, off_hold)
     lead_s = LEAD_INTERVALS * reference.step_s.max()
     near_s = [np.clip(plan_s + d, 0.0, reference.end_s) for d in np.linspace(-lead_s, lead_s, 25)]
     off_path_m = [np.linalg.norm(truth.body_position_m - reference.body(at_s)[0], axis=1) for at_s in near_s]
@@ -224,7 +245,8 @@ def judge(
     for _, lost in found:
         lost_grips = lost | lost_grips
     contact_N = robot.robot.control.contact_force_N
-    travels = pad_travel(truth, robot.face_hold, contact_N, robot.point_feet, _leaning_sides(plan))
+    stands = None if robot.point_feet else robot.stands
+    travels = pad_travel(truth, robot.face_hold, contact_N, robot.point_feet, _leaning_sides(plan), stands)
     slip_m = WALK_SLIP_M if robot.point_feet else SLIP_M
     goal_position, goal_rotation = goal_pose(plan)
     goal_error_m = float(np.linalg.norm(truth.body_position_m[-1] - goal_position))

@@ -156,8 +156,10 @@ class Plant:
         self._native.crux_plant_record(self.handle, cycle, climbing)
 
     def limbs_on_holds(self) -> NDArray[np.bool_]:
-        """(4,) whether both pads of a limb touch a hold (point feet: one the wall) at the last look."""
+        """(4,) whether both pads of a limb touch a hold (feet: one the wall) at the last look."""
         if self.robot.point_feet:
             return np.asarray((self.pad_face >= 0).reshape(4, 2).any(axis=1))
         on_hold = (self.pad_face >= 0) & (self.robot.face_hold[self.pad_face] >= 0)
-        return np.asarray(on_hold.reshape(4, 2).all(axis=1))
+        on_wall = (self.pad_face >= 0) & ~on_hold
+        stands = on_wall.reshape(4, 2).any(axis=1) & self.robot.stands
+        return np.asarray(on_hold.reshape(4, 2).all(axis=1) | stands)

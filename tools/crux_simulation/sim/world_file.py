@@ -21,7 +21,7 @@ from crux_contracts.reading import did_you_mean
 from crux_contracts.records import Key, Records
 from crux_contracts.scenario import FACE_NAMES
 from crux_contracts.yaml_document import MAX_BYTES, DocumentError, Node, Problem, parse_mapping, read_bytes
-from crux_msgs import plan_t
+from crux_msgs import hold_t, plan_t
 
 from crux_simulation.sim.world import (
     AMBIENT_DEGC,
@@ -66,7 +66,8 @@ class WorldSpec:
         """The world of this seed on the wall of `plan`. A number's draw depends on the seed and its own place in the
         world alone. Raises WorldError for holds that the plan does not have."""
         reader = _Reader(self.path, seed)
-        world = reader.world(self, [hold.name for hold in plan.holds], [bool(hold.graspable) for hold in plan.holds])
+        there = [hold for hold in plan.holds if hold.graspable != hold_t.FOOTHOLD]  # footholds are places, not things
+        world = reader.world(self, [hold.name for hold in there], [bool(hold.graspable) for hold in there])
         reader.check.finish(WorldError)
         return world
 

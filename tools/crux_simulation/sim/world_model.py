@@ -60,7 +60,7 @@ def true_wall(plan: plan_t, world: World) -> plan_t:
         if hold.name in world.holds:
             _change_hold(hold, world.holds[hold.name])
     for limb in true.knots[0].limbs:
-        if is_walk(plan) or limb.phase != limb_knot_t.STANCE:
+        if is_walk(plan) or limb.phase != limb_knot_t.STANCE or limb.finger1_face == limb_knot_t.FACE_WALL:
             continue
         planned, hold = plan.holds[limb.hold], true.holds[limb.hold]
         if hold.position_w_m[2] <= GONE_M or hold.encode() == planned.encode():

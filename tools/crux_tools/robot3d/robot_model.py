@@ -18,6 +18,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from crux_contracts.interpolation import is_walk
+from crux_contracts.plan_series import plan_series
 from crux_contracts.robot import Limb, Robot
 from crux_contracts.urdf import link_shapes
 from numpy.typing import NDArray
@@ -38,6 +39,7 @@ MAX_SPINE_CONTROL = 1e3  # 1/mu of the smoothest face that spines still grip
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class RobotModel:
     face_of_geom: Ints  # (ngeom,) index into faces or -1
     face_hold: Ints  # (nfaces,)
     point_feet: bool  # the plan is a walk on the wall itself
+    stands: Bools  # (4,) limbs that stand on the wall itself at some knot: all of a walk, some on footholds
     adhesion_of_face: Floats  # (nfaces,) control of the adhesion actuator that a pad on this face gets
 
 
@@ -250,7 +253,7 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
         model = spec.compile()
     except ValueError as error:
         raise UsageError(f"{robot.folder} on the wall of {plan.scenario_name!r}: no physics of it: {error}") from None
-    return _with_addresses(model, robot, faces, is_walk(plan))
+    return _with_addresses(model, robot, faces, is_walk(plan), plan_series(plan).on_wall.any(axis=0))
 
 
 def _actuators(model: mujoco.MjModel, robot: Robot) -> dict[str, Any]:
@@ -272,7 +275,9 @@ def _actuators(model: mujoco.MjModel, robot: Robot) -> dict[str, Any]:
     return each | {"tendon": tendon}
 
 
-def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face], point_feet: bool) -> RobotModel:
+def _with_addresses(
+    model: mujoco.MjModel, robot: Robot, faces: list[Face], point_feet: bool, stands: Bools
+) -> RobotModel:
     joints, fingers = slot_names(robot), finger_joints(robot)
     driven = [driven_names(robot).get(name, name) for name in joints]
     sites = np.array([model.site(_sensor_site(limb)).id for limb in robot.limbs])
@@ -310,6 +315,7 @@ def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face], poin
         face_of_geom=face_of_geom,
         face_hold=np.array([face.hold for face in faces]),
         point_feet=point_feet,
+        stands=stands,
         adhesion_of_face=np.array(
             [face.share / face.friction if face.spines and face.friction > 0 else 0.0 for face in faces]
         ),

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from crux_contracts.gripper_frames import gripper_rotation
 from crux_contracts.robot_bounds import JOINTS
+from crux_msgs import limb_knot_t
 from numpy.typing import NDArray
 
 from crux_tools.errors import UsageError
@@ -120,14 +121,20 @@ class RobotPose:
 
     @classmethod
     def of_knot(cls, knot: Any, robot: RobotModel) -> RobotPose:
-        """Pose of a plan's knot (plan_knot_t). Grippers of a walk stand one pad radius above their foot points."""
-        lift = robot.robot.gripper.pad_radius_m if robot.point_feet else 0.0
+        """Pose of a plan's knot (plan_knot_t). Grippers of a walk, and on footholds, stand one pad radius above their
+        foot points.
+        """
+        yaw = np.array([limb.gripper_yaw_w_rad for limb in knot.limbs])
+        tilt = np.array([limb.gripper_tilt_w_rad for limb in knot.limbs])
+        up = gripper_rotation(yaw, tilt)[..., 2]
+        foot = [limb.phase == limb_knot_t.STANCE and limb.finger1_face == limb_knot_t.FACE_WALL for limb in knot.limbs]
+        lift = robot.robot.gripper.pad_radius_m * (np.array(foot) | robot.point_feet)
         return cls(
             np.array(knot.body_position_w_m),
             np.array(knot.body_rpy_rad),
-            np.array([limb.gripper_position_w_m for limb in knot.limbs]) + np.array([0.0, 0.0, lift]),
-            np.array([limb.gripper_yaw_w_rad for limb in knot.limbs]),
-            np.array([limb.gripper_tilt_w_rad for limb in knot.limbs]),
+            np.array([limb.gripper_position_w_m for limb in knot.limbs]) + lift[:, None] * up,
+            yaw,
+            tilt,
             np.array([limb.finger_separation_m / 2 for limb in knot.limbs]),
         )
 

@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from crux_contracts.scenario import FACE_NAMES
+from crux_msgs import hold_t
 from numpy.typing import NDArray
 
 from crux_tools.telemetry.rotations import hold_middle, hold_quaternion
@@ -22,6 +23,8 @@ TOP_SLAB_M = 0.005
 HOLD_RGBA = (0.55, 0.50, 0.45, 1.0)
 SLIPPERY_RGBA = (0.45, 0.60, 0.70, 1.0)
 OBSTACLE_RGBA = (0.45, 0.45, 0.48, 1.0)
+FOOTHOLD_RGBA = (0.35, 0.55, 0.40, 1.0)
+FOOTHOLD_M = 0.001  # half the height of the disc that is drawn
 WALL_RGBA = (0.76, 0.76, 0.72, 1.0)
 WALL = "wall"  # name of the plane; those of slabs add their index
 WALL_MARGIN_M = 1.0  # of wall shown around the holds
@@ -100,6 +103,14 @@ def _add_leaning(spec: mujoco.MjSpec, body: Any, hold: Any, index: int, share: t
     return faces
 
 
+def _draw_foothold(body: Any, foothold: Any, index: int) -> None:
+    """A disc that nothing touches: feet stand on the surface."""
+    body.add_geom(
+        name=f"hold{index}", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[foothold.size_m[0], FOOTHOLD_M, 0],
+        rgba=FOOTHOLD_RGBA, contype=0, conaffinity=0,
+    )  # fmt: skip
+
+
 def _add_surfaces(world: Any, plan: Any) -> list[Face]:
     """The plane z = 0 around holds and body, and the solids behind bounded surfaces."""
     wall = wall_of(plan)
@@ -127,6 +138,9 @@ def add_wall(spec: mujoco.MjSpec, plan: Any) -> list[Face]:
     for index, (hold, share) in enumerate(zip(plan.holds, pad_shares_of(plan), strict=True)):
         size_m = np.array(hold.size_m)
         body = world.add_body(name=f"hold{index}", pos=hold.position_w_m, quat=hold_quaternion(hold))
+        if hold.graspable == hold_t.FOOTHOLD:
+            _draw_foothold(body, hold, index)
+            continue
         if any(hold.lean_rad):
             faces += _add_leaning(spec, body, hold, index, share)
             continue

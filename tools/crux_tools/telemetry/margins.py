@@ -25,7 +25,8 @@ from crux_tools.telemetry.summary import in_full_stance
 from crux_tools.telemetry.surfaces import pad_shares_of
 
 _FACES = 4  # +x, -x, +y, -y
-X, Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+X, Y, Z = np.eye(3)
+_ALONG = 0.9  # of a unit vector, along X: it is too near to it for a vector across
 SIDES = np.array([[1.0], [-1.0]])  # of the opening axis, fingers 1 and 2
 
 
@@ -53,7 +54,7 @@ def _surfaces(plan: Any, series: PlanSeries) -> _Surfaces:
                 spines[k, index] = share[k, index] * [bool(hold.spines[face]) for face in faces]
             elif series.stance[k, index]:
                 friction[k, index] = limb.friction
-                spines[k, index] = 1.0
+                spines[k, index] = float(limb.hold < 0)  # none grip at footholds
     return _Surfaces(friction, spines, share)
 
 
@@ -86,7 +87,9 @@ def _grip(
     """Of wrenches (..., 2, 3), (..., 2, 3) on faces with outward normals (..., 2, 3) by grippers whose z is `up`
     (..., 3), or on the wall itself (...): spines hold along the ways of the gripper.
     """
-    tangent = np.where(on_wall[..., None, None], X, np.cross(up[..., None, :], outward))
+    across = np.where(np.abs(outward[..., :1]) < _ALONG, X, Y)
+    along_wall = across - (across * outward).sum(axis=-1, keepdims=True) * outward
+    tangent = np.where(on_wall[..., None, None], along_wall, np.cross(up[..., None, :], outward))
     tangent = tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
     other_tangent = np.cross(outward, tangent)
     normal = (force * outward).sum(axis=-1)
@@ -103,9 +106,11 @@ def _grip(
     return Grip(margin, np.divide(most - margin, most, out=np.full_like(margin, np.inf), where=most > 0))
 
 
-def _outward(axis: np.ndarray, on_wall: np.ndarray) -> np.ndarray:
-    """Normals under fingers 1 and 2 (..., 4, 2, 3): along the opening axis on a hold, off the wall on the wall."""
-    return np.where(on_wall[..., None, None], Z, np.stack([axis, -axis], axis=-2))
+def _outward(axis: np.ndarray, up: np.ndarray, on_wall: np.ndarray) -> np.ndarray:
+    """Normals under fingers 1 and 2 (..., 4, 2, 3): along the opening axis on a hold, `up` of the plan's gripper on the
+    wall.
+    """
+    return np.where(on_wall[..., None, None], up[..., None, :], np.stack([axis, -axis], axis=-2))
 
 
 class _Leaning(NamedTuple):
@@ -119,12 +124,12 @@ class _Leaning(NamedTuple):
     def of(cls, plan: Any, series: PlanSeries, outward: np.ndarray) -> _Leaning | None:
         """None where no face leans."""
         lean = np.zeros((*series.hold.shape, 2))
-        for k, limb in np.argwhere(series.stance & (series.hold >= 0)).tolist():
+        for k, limb in np.argwhere(series.stance & (series.hold >= 0) & ~series.on_wall).tolist():
             face, hold = series.finger1_face[k, limb], plan.holds[series.hold[k, limb]]
             lean[k, limb] = [hold.lean_rad[face], hold.lean_rad[face ^ 1]]
         if not lean.any():
             return None
-        normal = np.cos(lean)[..., None] * outward + np.sin(lean)[..., None] * Z
+        normal = np.cos(lean)[..., None] * outward + np.sin(lean)[..., None] * Z  # feet lean by nothing
         radius_m = load_robot(plan.robot_name).gripper.pad_radius_m if plan.robot_name in robot_names() else 0.0
         return cls(normal, radius_m * (outward - normal))
 
@@ -152,11 +157,11 @@ def planned_grip(plan: Any) -> Grip:
     """Of fingers 1 and 2 of every limb at every knot, (K, 4, 2); NaN in the air."""
     series = plan_series(plan)
     axis = series.opening_axis
-    outward = _outward(axis, series.on_wall)
+    up = gripper_rotation(series.gripper_yaw_rad, series.gripper_tilt_rad)[..., 2]
+    outward = _outward(axis, up, series.on_wall)
     moment, leaning = series.finger_moment_nm, _Leaning.of(plan, series, outward)
     if leaning is not None:
         outward, moment = leaning.normal, moment - np.cross(leaning.touch_m, series.finger_force_n)
-    up = gripper_rotation(series.gripper_yaw_rad, series.gripper_tilt_rad)[..., 2]
     grip = _grip(plan, series.finger_force_n, moment, outward, up, series.on_wall, _surfaces(plan, series))
     return grip.where(series.stance[..., None])
 
@@ -207,8 +212,9 @@ def measured_grip(log: Telemetry, filter_s: float) -> Grip:
     rotation = rotations_from_quaternions(log.limbs["gripper_quaternion_w"].reshape(-1, 4)).reshape(-1, 4, 3, 3)
     axis = rotation[..., 0]
     whole = _gripper_wrenches(log, filter_s, rotation)
-    outward = _outward(axis, series.on_wall[knot])
-    leaning = _Leaning.of(plan, series, _outward(series.opening_axis, series.on_wall))
+    up = gripper_rotation(series.gripper_yaw_rad, series.gripper_tilt_rad)[..., 2]
+    outward = _outward(axis, up[knot], series.on_wall[knot])
+    leaning = _Leaning.of(plan, series, _outward(series.opening_axis, up, series.on_wall))
     given = (*whole, axis, log.inputs["finger_opening_m"], log.inputs["finger_force_n"])
     force, moment = split_between_fingers(*given) if leaning is None else leaning.at(knot).split(*given)
     outward = outward if leaning is None else leaning.normal[knot]
