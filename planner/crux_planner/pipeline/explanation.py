@@ -113,10 +113,13 @@ def _outside_m(scenario: Scenario, problem: Problem, limb: int) -> float:
     grasp, outer, start = problem.contacts[problem.start_contacts[limb]], problem.limb_reach.outer, problem.start
     if not grasp.bears:
         return 0.0
-    hold, radius = scenario.holds[grasp.hold], scenario.contact.patch_radius_m
-    aside = max(hold.size_m[1 - grasp.pair] / 2 - radius, 0.0)
-    ends = itertools.product((-aside, aside), (radius, hold.size_m[2] - radius))
-    places = [[*(grasp.centre_h_m + side * grasp.tangent)[:2], z + outer.above_m] for side, z in ends]
+    if grasp.foot:
+        places = [(grasp.centre_h_m + outer.above_m * grasp.up).tolist()]
+    else:
+        hold, radius = scenario.holds[grasp.hold], scenario.contact.patch_radius_m
+        aside = max(hold.size_m[1 - grasp.pair] / 2 - radius, 0.0)
+        ends = itertools.product((-aside, aside), (radius, hold.size_m[2] - radius))
+        places = [[*(grasp.centre_h_m + side * grasp.tangent)[:2], z + outer.above_m] for side, z in ends]
     along = (np.array(places) - start.position_m) @ rotation_from_rpy(start.rpy_rad) @ outer.directions.T
     off, extent = along - outer.middle_m[limb], outer.extent_m[limb]
     return float(np.maximum(off.min(axis=0) - extent, -off.max(axis=0) - extent).max())

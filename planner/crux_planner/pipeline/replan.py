@@ -14,7 +14,7 @@ from crux_contracts.robot import Robot, robot_of
 from crux_contracts.scenario import BodyPose, Scenario, parse_scenario
 from crux_msgs import plan_t
 
-from crux_planner.errors import InfeasibleError
+from crux_planner.errors import InfeasibleError, no_footholds
 from crux_planner.model.build import build_problem, start_contacts, start_inertia
 from crux_planner.model.poses import check_body, pose_in_heading_frame
 from crux_planner.model.problem import Pose, Problem
@@ -79,8 +79,10 @@ class Planner:
         are tried first, then others that lead back to them, then other headings and grasps (without a bound of the
         cost); where all that finds nothing `plan` is asked, which also says why. `quick`: only the running plan's own
         moves, and others that lead back to them.
-        Raises InfeasibleError, and ScenarioError for a name in `without` that is no hold's and a body outside (7).
+        Raises InfeasibleError, and ScenarioError for a name in `without` that is no hold's, a body outside (7) and
+        footholds.
         """
+        no_footholds(self.scenario, "planning again is")
         work = Work(lambda _what, _share: None, log or (lambda _line: None))
         with work.part("stance", 0.0):
             deadline = clock.now() + time_limit_s

@@ -18,7 +18,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Cuboid, Scenario, parse_scenario
 from crux_contracts.scenario_document import scenario_document
 
-from crux_planner.errors import TIME_LIMIT, InfeasibleError, wrong
+from crux_planner.errors import TIME_LIMIT, InfeasibleError, no_footholds, wrong
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_z
@@ -76,6 +76,7 @@ def plan_route(
         raise wrong(scenario, "contact.model", scenario.contact.model, "expected patch: routes are climbs")
     if scenario.start.air:
         raise wrong(scenario, "start.air", ", ".join(scenario.start.air), "expected all limbs on holds")
+    no_footholds(scenario, "routes are")
     route = _Route(scenario, robot)
     begun = {name: {k: v for k, v in vars(scenario.start.grasps[name]).items() if v is not None} for name in LIMB_NAMES}
     tried = _Tried(time_limit_s, deadline, log)
@@ -102,7 +103,9 @@ def plan_route(
 
 
 def is_long(scenario: Scenario) -> bool:
-    """Whether a route makes more than one part."""
+    """Whether a route makes more than one part; there is none where limbs may stand."""
+    if scenario.footholds:
+        return False
     way = np.subtract(scenario.goal.body.position_m, scenario.start.body.position_m)
     return float(np.linalg.norm(way[:2])) > LAST_SHARE * WAY_M
 

@@ -15,7 +15,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Goal, GoalPose, Grasp, Scenario, ScenarioError
 
-from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.errors import InfeasibleError, no_footholds, wrong
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.build import build_problem, wall_contacts
 from crux_planner.model.contacts import PAIR_NAMES, Contact
@@ -95,7 +95,7 @@ def wall_report(scenario: Scenario, robot: Robot, limit_s: float, looks: int, at
     """The report on one wall; the search upwards takes so many looks at moves and seconds of computing at most. `at` is
     called with the share of the work that is done.
 
-    Raises ScenarioError where the wall is for feet.
+    Raises ScenarioError where the wall is for feet or has footholds.
     """
     report = wall_offers(scenario, robot, lambda share: at(0.6 * share))
     _climb(report, scenario, robot, clock.now() + limit_s, looks)
@@ -109,6 +109,7 @@ def wall_offers(scenario: Scenario, robot: Robot, at: Progress = lambda _share: 
     """
     if scenario.contact.model != "patch":
         raise wrong(scenario, "contact.model", scenario.contact.model, "expected patch: this is about grippers")
+    no_footholds(scenario, "a look at the wall is")
     centred, unusable = wall_contacts(scenario, robot, False)
     wider, _ = wall_contacts(scenario, robot, True)
     heading, pairs = scenario.start.body.rpy_rad[2], []

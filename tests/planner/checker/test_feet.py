@@ -1,4 +1,4 @@
-"""Feet among grips: a plan in which some limbs grip holds and others stand, and what the check says once it is broken."""
+"""Feet among grips: a plan in which some limbs grip and others stand, and what the check says once it is broken."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ LR, RR = 2, 3
 
 
 @pytest.fixture(scope="module")
-def plan(shared_plans: SharedPlans) -> plan_t:
-    return shared_plans(WALL, ROBOT).plan
+def plan(planned: SharedPlans) -> plan_t:
+    return planned(WALL, ROBOT).plan
 
 
 def feet(plan: plan_t, limb: int = RR) -> list[limb_knot_t]:
@@ -45,7 +45,12 @@ def broken(plan: plan_t, change: Callable[[plan_t], Any]) -> CheckReport:
 
 
 def force(knot: limb_knot_t) -> np.ndarray:
-    return np.array(knot.finger_force_w_n).reshape(2, 3).sum(axis=0)
+    whole: np.ndarray = np.array(knot.finger_force_w_n).reshape(2, 3).sum(axis=0)
+    return whole
+
+
+def move(knot: limb_knot_t, *by_m: float) -> None:
+    knot.gripper_position_w_m = np.add(knot.gripper_position_w_m, by_m).tolist()
 
 
 def push(knot: limb_knot_t, whole_n: np.ndarray) -> None:
@@ -92,7 +97,7 @@ def pull(plan: plan_t) -> None:
 
 def slide(plan: plan_t) -> None:
     knot = feet(plan)[1]
-    push(knot, force(knot) + [0.0, 60.0, 0.0])
+    push(knot, np.add(force(knot), (0.0, 60.0, 0.0)))
 
 
 def press(plan: plan_t) -> None:
@@ -110,12 +115,12 @@ def unevenly(plan: plan_t) -> None:
 
 def beside(plan: plan_t) -> None:
     for knot in feet(plan):
-        knot.gripper_position_w_m = (np.array(knot.gripper_position_w_m) + [0.001, 0.0, 0.0]).tolist()
+        move(knot, 0.001, 0.0, 0.0)
 
 
 def above(plan: plan_t) -> None:
     for knot in feet(plan):
-        knot.gripper_position_w_m = (np.array(knot.gripper_position_w_m) + [0.0, 0.0, 0.001]).tolist()
+        move(knot, 0.0, 0.0, 0.001)
 
 
 def lean(plan: plan_t) -> None:
@@ -177,7 +182,7 @@ def first_knot_in_air(plan: plan_t, limb: int = RR) -> int:
 
 def drag(plan: plan_t) -> None:
     after = plan.knots[first_knot_in_air(plan) + 1].limbs[RR]
-    after.gripper_position_w_m = (np.array(after.gripper_position_w_m) + [0.004, 0.0, 0.0]).tolist()
+    move(after, 0.004, 0.0, 0.0)
 
 
 def open_on_it(plan: plan_t) -> None:

@@ -1,0 +1,118 @@
+"""Climbs in which some limbs stand on footholds."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import crux_planner
+import numpy as np
+import pytest
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import Scenario, ScenarioError, load_scenario, parse_scenario
+from crux_contracts.yaml_document import Node, parse_mapping
+from crux_msgs import hold_t, limb_knot_t, plan_t
+from crux_planner.errors import InfeasibleError
+from crux_planner.model.build import build_problem
+from crux_planner.model.contacts import Contact
+from crux_planner.pipeline.route import plan_route
+from crux_planner.pipeline.wall_check import wall_offers
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_tools.paths import ROOT
+from shared_plans import SharedPlans, unproven
+
+ROBOT = load_robot("scaler")
+WALLS = ROOT / "benchmarks" / "walls"
+SLOPE = load_scenario(WALLS / "feet-45.yaml")
+
+
+def plain(node: Node) -> Any:
+    if isinstance(node.content, dict):
+        return {key: plain(member) for key, member in node.content.items()}
+    return [plain(item) for item in node.content] if isinstance(node.content, list) else node.content
+
+
+def slope(**changes: Any) -> Scenario:
+    """The slope with other keys at its top."""
+    document = plain(parse_mapping((WALLS / "feet-45.yaml").read_bytes(), "feet-45.yaml"))
+    return parse_scenario(copy.deepcopy(document) | changes)
+
+
+def stood_on(scenario: Scenario) -> list[Contact]:
+    return [contact for contact in build_problem(scenario, ROBOT).contacts if contact.foot]
+
+
+def test_a_plan_where_no_limb_stands_is_as_without_footholds(planned: SharedPlans) -> None:
+    goal = {"body": {"position_m": [0.01, 0, 0.185]}, "grasps": {"LF": {"hold": "left-2", "faces": "x"}}}
+    holds = [
+        *plain(parse_mapping((WALLS / "feet-45.yaml").read_bytes(), ""))["holds"],
+        {"name": "right-0", "pose": {"position_m": [-0.14, -0.36, 0]}, "shape": {"box_m": [0.06] * 3}, "friction": 2.2},
+    ]
+    grasps = {limb: {"hold": hold, "faces": "x"} for limb, hold in
+              (("LF", "left-1"), ("RF", "right-1"), ("LR", "left-0"), ("RR", "right-0"))}  # fmt: skip
+    start = {"body": {"position_m": [0, 0, 0.185]}, "grasps": grasps}
+    footholds = [{"name": "far", "position_m": [0.6, 0.0, 0.0]}]
+    plan = planned(slope(holds=holds, start=start, goal=goal, footholds=footholds), ROBOT).plan
+    assert plan.format == plan_t.FORMAT
+    assert {hold.graspable for hold in plan.holds} == {hold_t.HOLD}
+
+
+def test_feet_stand_on_a_floor_and_hands_grip_a_wall(planned: SharedPlans) -> None:
+    scenario = load_scenario(WALLS / "feet-floor-wall.yaml")
+    plan = planned(scenario, ROBOT).plan
+    assert plan.format == plan_t.FORMAT_FEET
+    ways = {scenario.footholds[limb.hold - len(scenario.cuboids)].surface for knot in plan.knots for limb in knot.limbs
+            if limb.finger1_face == limb_knot_t.FACE_WALL}  # fmt: skip
+    assert ways == {"lower"}
+    normal = np.array([1.0, 0.0, 1.0]) / 2**0.5
+    for knot in plan.knots:
+        foot = knot.limbs[3]
+        if foot.phase == foot.STANCE:
+            pushed = np.array(foot.finger_force_w_n).reshape(2, 3).sum(axis=0)
+            assert pushed @ normal > 0.0
+            assert np.linalg.norm(pushed - pushed @ normal * normal) <= 0.8 * pushed @ normal
+
+
+def test_feet_push_and_never_pull_in_the_search() -> None:
+    for up_m_s2, stands in ((-9.81, True), (9.81, False)):
+        problem = build_problem(slope(gravity_m_s2=[0.0, 0.0, up_m_s2]), ROBOT)
+        equilibrium, at = StaticEquilibrium(problem, problem.friction_share), np.array([-0.07, 0.0, 0.185])
+        feet = tuple(i for i, contact in enumerate(problem.contacts) if contact.foot)
+        assert (equilibrium.position(feet, at, at, at) is not None) == stands
+
+
+def test_pads_keep_on_their_surface_and_off_what_stands_beside_it() -> None:
+    assert len(stood_on(SLOPE)) == 3
+    block = {"name": "block", "pose": {"position_m": [-0.14, -0.36, 0]}, "shape": {"box_m": [0.14, 0.3, 0.03]}}
+    with pytest.raises(ScenarioError, match="foot-right-0: fingers and palm have no space there"):
+        build_problem(slope(obstacles=[block]), ROBOT)
+    above = block | {"pose": {"position_m": [0.01, -0.36, 0]}}
+    with pytest.raises(InfeasibleError, match="no gripper can stand on foot-right-1"):
+        build_problem(slope(obstacles=[above]), ROBOT)
+    astride = block | {"shape": {"box_m": [0.14, 0.02, 0.03]}}
+    turned = [contact for contact in stood_on(slope(obstacles=[astride])) if contact.hold == 5]
+    assert [abs(contact.axis[1]) for contact in turned] == pytest.approx([1.0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"uncertainty": {"friction": 0.1}}, "uncertainty: is not supported yet where limbs may stand"),
+        ({"planner": {"objective": "time"}}, "planner.objective: time: expected paper"),
+    ],
+)
+def test_what_does_not_know_feet_yet_says_so(changes: dict[str, Any], says: str) -> None:
+    with pytest.raises(ScenarioError) as raised:
+        unproven(slope(**changes), ROBOT)
+    assert says in str(raised.value)
+
+
+def test_other_methods_routes_planning_again_and_looks_at_walls_do_not_know_feet(planned: SharedPlans) -> None:
+    with pytest.raises(ScenarioError, match="expected auto: limbs may stand on foot-left-1"):
+        unproven(SLOPE, ROBOT, method="two_block")
+    with pytest.raises(ScenarioError, match="routes are not supported"):
+        next(plan_route(SLOPE, ROBOT))
+    with pytest.raises(ScenarioError, match="planning again is not supported"):
+        crux_planner.Planner(SLOPE, ROBOT).replan(planned(SLOPE, ROBOT).plan, 0.0)
+    with pytest.raises(ScenarioError, match="a look at the wall is not supported"):
+        wall_offers(SLOPE, ROBOT)
