@@ -98,4 +98,4 @@ def wrong(scenario: Scenario, key: str, value: str, expected: str) -> ScenarioEr
 def no_footholds(scenario: Scenario, what: str) -> None:
     """Raises ScenarioError where limbs may stand, which `what` ("routes are") does not support."""
     if scenario.footholds:
-        raise wrong(scenario, "footholds", scenario.footholds[0].name, f"expected none: {what} not supported with them")
+        raise wrong(scenario, "footholds", scenario.footholds[0].name, f"expected none: {what} not supported")

@@ -20,6 +20,7 @@ from crux_contracts.scenario import (
     WEIGHTS,
     BodyPose,
     Contact,
+    Foothold,
     Goal,
     Grasp,
     Grip,
@@ -28,6 +29,7 @@ from crux_contracts.scenario import (
     Horizon,
     PlannerOptions,
     Scenario,
+    Standing,
     Start,
     Uncertainty,
     Wall,
@@ -62,7 +64,8 @@ def test_the_example_of_a_scenario_has_every_key() -> None:
     assert parse_scenario(text).name == "every-key"
     kinds = (Scenario, Wall, Contact, Hold, Grasp, BodyPose, Gripper, Start, Goal, Horizon, Uncertainty, PlannerOptions)
     fields = {re.sub("_rad$", "_deg", name) for kind in kinds for name in kind.__dataclass_fields__}
-    fields -= {"given_w_m_s2", "slabs", "endless", "lean_deg", "tilt_deg", "foot_z_m", "grips", "grip"}  # of version 2
+    fields -= {"given_w_m_s2", "slabs", "endless", "lean_deg", "tilt_deg", "foot_z_m", "grips", "grip"}
+    fields -= {"foothold", "footholds"}  # of version 2, all of these
     keys = (fields | {*WEIGHTS, *MARGINS, *FACE_NAMES, "version", "sigmas", "finger1"}) - {"yaml_text", "path"}
     named = {*re.findall(r"([+\w-]+)(?=: |:\n)", text), *re.findall(r"(?<=# )body(?= sets)", text)}
     assert keys - named == set()
@@ -72,7 +75,11 @@ def test_the_example_of_a_scenario_has_every_key() -> None:
 def test_the_example_of_version_2_has_every_key_of_it() -> None:
     text = (ROOT / "examples" / "leaning-holds.yaml").read_text(encoding="utf-8")
     assert parse_scenario(text).leans
-    keys = {name for kind in (Bodies, Surface, Plane, Rectangle, BoxHold, Grip, Pose, Shape) for name in keys_of(kind)}
+    keys = {
+        name
+        for kind in (Bodies, Surface, Plane, Rectangle, BoxHold, Grip, Pose, Shape, Foothold, Standing)
+        for name in keys_of(kind)
+    }
     assert keys - set(re.findall(r"\w+(?=: |:\n)", text)) == set()
 
 
