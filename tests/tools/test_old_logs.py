@@ -49,7 +49,8 @@ FORMATS: dict[str, tuple[list[tuple[str, str]], tuple[str, str] | None]] = {
         [("/plan", "float64[2] tilt_rad"), ("/LF/limb_reference", "float64[2] gripper_tilt_w_rad")],
         ("/control_input", "float64[28] joint_position_rad"),
     ),
-    "15-seven": ([("/control_input", "float64[28] joint_position_rad")], None),
+    "15-seven": ([("/control_input", "float64[28] joint_position_rad")], ("/plan", "int32 FORMAT_FEET=5")),
+    "16-feet": ([("/plan", "int32 FORMAT_FEET=5"), ("/plan", "int8 FOOTHOLD=2")], None),
 }
 
 each = pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
