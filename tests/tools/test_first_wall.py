@@ -36,6 +36,7 @@ def test_the_shipped_robot_climbs_a_vertical_one(tmp_path: Path, capsys: pytest.
     wall = tmp_path / "wall.yaml"
     found = fitted("scaler", wall, capsys)
     assert found["verdict"] == "good"
+    assert re.search(r"0\.\d\d of the peak torques to hang on three of its first holds; ", found["found"])
     said = r"joints turn up to (\d+) rad for a metre of a gripper .* as stiff as (\d+) N/mm and stay (0.\d+) rad"
     turning = re.search(said, found["found"])
     assert turning is not None, found

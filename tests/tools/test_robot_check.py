@@ -65,6 +65,7 @@ def test_weak_fingers_are_named_where_a_robot_slips(folder: Path, capsys: pytest
     yaml = folder / "robot.yaml"
     yaml.write_text(yaml.read_text().replace("max_finger_force_N: 60", "max_finger_force_N: 9"))
     check = checked(folder, capsys)[2]["peak torques"]
+    assert check["found"].startswith("share that hanging takes, with grippers in the middle of their reach")
     assert "0 degrees 0.12 (LF_joint2), on three limbs slips; 45 degrees slips, on three limbs slips" in check["found"]
     assert check["remedy"] == (
         "does not hold on four limbs at 45, 90, 135 degrees, on three limbs at 0, 45, 90, 135, 180 degrees; "

@@ -18,6 +18,7 @@ from crux_tools.robot.singular import singular_within
 from crux_tools.robot.stance import CLEAR_M, LimbReach, Stance, closest, limb_reach, stance
 
 SLOPES_DEG = (0, 45, 90, 135, 180)
+MIDDLE = "with grippers in the middle of their reach, or near it"
 MEETING_M = 1e-6  # axes nearer than this meet in a point
 
 
@@ -158,7 +159,7 @@ def _clearance(where: Stance) -> Finding:
     gap_m, pair = closest(where)
     if not np.isfinite(gap_m):
         return Finding("self-collision", DOUBTFUL, "no shapes", "give links boxes, spheres, cylinders or capsules")
-    found = f"with grippers in the middle of their reach, or near it, {pair}: {1000 * gap_m:.0f} mm"
+    found = f"{MIDDLE}, {pair}: {1000 * gap_m:.0f} mm"
     return Finding("self-collision", GOOD if gap_m >= CLEAR_M else BAD, found, "the links' shapes overlap, or nearly")
 
 
@@ -184,7 +185,7 @@ def _loads(where: Stance, sections: dict[str, Any], friction: float) -> Iterator
                 if any(load is None or load.share > 1.0 for load in loads):
                     failed[count].append(slope)
             slips |= None in hung
-        found = f"share that hanging takes, friction {friction:g}: {'; '.join(texts)}"
+        found = f"share that hanging takes, {MIDDLE}, friction {friction:g}: {'; '.join(texts)}"
         remedy = f"{'does not hold' if limits is peaks else 'heats up'} {_where(failed)}"
         if slips:
             remedy += f"; where it slips, fingers need more than {most_N:g} N (gripper.max_finger_force_N)"

@@ -64,7 +64,8 @@ def fitted(robot: Robot, model: WholeRobot, friction: float, path: Path) -> Find
             unsure = document if none.undecided else unsure
             continue
         _write(path, document, robot)
-        what = f"{path}: {slope} degrees, a step of {walls[chosen].stride_m:g} m, {share:.2f} of the peak torques"
+        hangs = f"{share:.2f} of the peak torques to hang on three of its first holds"
+        what = f"{path}: {slope} degrees, a step of {walls[chosen].stride_m:g} m, {hangs}"
         return _said(f"{what}; {_turning(walls[chosen])}", robot, path)
     if unsure is not None:
         _write(path, unsure, robot)
