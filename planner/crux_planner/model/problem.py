@@ -175,7 +175,11 @@ class Problem(CentroidalProblem):
 
     @cached_property
     def tall(self) -> Flags:
-        """(V,) whether cuboids stand higher than the lowest palm, so that links and trunk may touch them."""
+        """(V,) whether links and trunk may touch cuboids: those that stand higher than the lowest palm; any, where
+        nothing keeps the body above palms.
+        """
+        if not self.surfaces.endless:
+            return np.ones(len(self.cuboids.top_m), dtype=bool)
         lowest_m = min((contact.centre_h_m[2] for contact in self.contacts), default=0.0)
         return np.asarray(self.cuboids.top_m > self.shape.finger_height + lowest_m)
 

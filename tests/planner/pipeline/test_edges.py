@@ -16,6 +16,8 @@ from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_msgs import plan_t
 from crux_planner.checker import check_plan
 from crux_planner.errors import HorizonError
+from crux_planner.model.build import build_problem
+from crux_planner.pipeline.explanation import check_clear
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.session import Session
 from crux_tools.paths import ROOT
@@ -113,6 +115,21 @@ def test_a_trunk_that_would_start_in_a_surface_is_named() -> None:
     wall["start"]["body"]["position_m"][2] = 0.17
     with pytest.raises(ScenarioError, match=r"start\.body: .*: the trunk would be 15 mm inside ledge"):
         crux_planner.plan(wall, ROBOT)
+
+
+@pytest.mark.parametrize(("height_m", "inside"), [(0.12, None), (0.09, 10)])
+def test_a_low_body_is_over_low_obstacles_or_in_them(height_m: float, inside: int | None) -> None:
+    """Where no surface is endless, nothing keeps trunk and links as high as palms, which are 85 mm over the plane."""
+    wall = edge(0.0, 0.0)
+    wall["obstacles"] = [{"name": "low", "pose": {"position_m": [0.0, 0.0, 0.0]}, "shape": {"box_m": [0.1, 0.1, 0.07]}}]
+    wall["start"]["body"]["position_m"][2] = height_m
+    scenario = parse_scenario(wall)
+    problem = build_problem(scenario, ROBOT)
+    if inside is None:
+        check_clear(scenario, problem, ROBOT)
+        return
+    with pytest.raises(ScenarioError, match=rf"start\.body: .*: the trunk would be {inside} mm inside low"):
+        check_clear(scenario, problem, ROBOT)
 
 
 def test_the_papers_methods_are_about_one_endless_wall() -> None:
