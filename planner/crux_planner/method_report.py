@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from crux_planner.admm.admm import Decided
     from crux_planner.checker import CheckReport
     from crux_planner.pipeline.first_wall import FirstWall
-    from crux_planner.pipeline.wall_check import WallReport
+    from crux_planner.pipeline.wall_check import StartStance, WallReport
     from crux_planner.reach.upright import UprightReach
+    from crux_planner.search.highest import Highest
     from crux_planner.trajectory.knot_qp import KnotSolution
 
 __all__ = [
@@ -29,7 +30,9 @@ __all__ = [
     "METHODS_HERE",
     "POSITION_THRESHOLD_M",
     "FirstWall",
+    "Highest",
     "MethodReport",
+    "StartStance",
     "UprightReach",
     "WallReport",
     "climb_report",
@@ -42,6 +45,8 @@ __all__ = [
     "wall_lacks",
     "wall_offers",
     "wall_report",
+    "wall_stances",
+    "way_up",
 ]
 
 LIMIT_S = 300.0
@@ -158,6 +163,20 @@ def wall_offers(scenario: Scenario, robot: Robot) -> WallReport:
     from crux_planner.pipeline import wall_check
 
     return wall_check.wall_offers(scenario, robot)
+
+
+def wall_stances(scenario: Scenario, robot: Robot) -> list[StartStance]:
+    """The stances of a wall alone: see `crux_planner.pipeline.wall_check`."""
+    from crux_planner.pipeline import wall_check
+
+    return wall_check.wall_stances(scenario, robot)
+
+
+def way_up(scenario: Scenario, robot: Robot, limit_s: float, looks: int) -> tuple[Highest, StartStance | None]:
+    """How far up one gets from a scenario's start: see `crux_planner.pipeline.wall_check`."""
+    from crux_planner.pipeline import wall_check
+
+    return wall_check.way_up(scenario, robot, limit_s, looks)
 
 
 def wall_lacks(scenario: Scenario, robot: Robot) -> dict[tuple[int, str], str]:

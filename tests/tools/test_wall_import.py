@@ -298,6 +298,25 @@ def test_a_boards_table_is_holds(tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert wrong in capsys.readouterr().err
 
 
+def board(path: Path, *rows_m: float) -> Path:
+    """A hold left and right in every row."""
+    rows = [f"h{i},{x},{y}" for i, (x, y) in enumerate((x, y) for x in rows_m for y in (0.36, -0.36))]
+    path.write_text("\n".join(["cell,x_up_m,y_left_m", *rows]), encoding="utf-8")
+    return path
+
+
+def test_the_goal_is_one_to_which_holds_lead(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two rows far above, on which a body could stand, are out of the limbs' reach; nearer ones are not."""
+    words = ["-o", str(tmp_path / "wall.yaml"), "--slope", "60"]
+    said = wall_import(capsys, str(board(tmp_path / "far.csv", 0.0, 0.28, 1.5, 1.78)), *words, status=1)
+    assert "LF has no other hold in reach while the others hold on" in said["without_start"]
+    assert "start" not in yaml.safe_load((tmp_path / "wall.yaml").read_text(encoding="utf-8"))
+    wall_import(capsys, str(board(tmp_path / "near.csv", 0.0, 0.28, 0.43, 0.71)), *words)
+    wall = load_scenario(tmp_path / "wall.yaml")
+    assert {grasp.hold for grasp in wall.goal.grasps.values()} == {"h4", "h5", "h6", "h7"}
+    assert main(["plan", str(tmp_path / "wall.yaml"), "-o", str(tmp_path / "plan.mcap")]) == 0
+
+
 @pytest.mark.parametrize(
     ("name", "words", "said"),
     [

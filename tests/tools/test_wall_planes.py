@@ -12,13 +12,14 @@ import trimesh
 import yaml
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, load_scenario
+from crux_planner.pipeline.wall_check import StartStance
 from crux_simulation.wall.box import Box
 from crux_simulation.wall.boxes import apart, boxes
 from crux_simulation.wall.frame import CLIMBED, Frame, Placed, placed
 from crux_simulation.wall.parts import Bounded, Part, bounded, parts
 from crux_simulation.wall.places import Places, bodies
 from crux_simulation.wall.planes import planes
-from crux_simulation.wall.stances import Stance, ends
+from crux_simulation.wall.stances import Ends, Way, ends
 from crux_simulation.wall.surface import Surface
 from crux_tools.cli import main
 from crux_tools.telemetry.rotations import rpy_of
@@ -207,17 +208,34 @@ def test_a_vertical_plane_is_a_thin_obstacle() -> None:
     assert np.tan(found[0].yaw_rad) == pytest.approx(0.8 / 0.6)
 
 
-def test_the_goal_is_one_that_the_planner_takes() -> None:
-    """The highest ones that it refuses are passed over; those with the same grasps are asked about once."""
-    found = [Stance((0.1 * i, 0.0, 0.19), {"LF": (f"h{i // 2}", "x")}, 0.01 * i) for i in range(9)]
-    asked: list[str] = []
+def stance(x_m: float, hold: str) -> StartStance:
+    return StartStance((x_m, 0.0, 0.19), {"LF": (hold, "x")})
 
-    def refusal(stance: Stance) -> str:
-        asked.append(stance.grasps["LF"][0])
-        return "is blocked" if asked[-1] in ("h3", "h4") else ""
 
-    assert ends(found, refusal) == (found[0], found[4])
-    assert " ".join(asked) == "h0 h3 h4 h2"
-    assert ends(found[:2] + found[6:], refusal) == (
-        "a level body has four holds in reach at 5 places, but none of the 2 tried can be a goal; the first: is blocked"
+def test_start_and_goal_are_those_with_the_highest_way() -> None:
+    """Starts are asked about once for the same grasps, in the middle of their places, until one leads high enough."""
+    low = [stance(x, "wide") for x in (0.0, 0.02, 0.04)] + [stance(0.01, "narrow"), stance(0.03, "apart")]
+    high = [stance(0.5, "middle"), stance(1.0, "top")]
+    goals, asked = {"wide": None, "narrow": high[0], "apart": stance(0.8, "over")}, []
+
+    def way_up(start: StartStance) -> Way | str:
+        asked.append((start.body_m[0], start.grasps["LF"][0]))
+        goal = goals[asked[-1][1]]
+        return "is blocked" if goal is None else Way(goal, 2, {})
+
+    assert ends(low + high, way_up) == Ends(low[4], goals["apart"])
+    assert asked == [(0.02, "wide"), (0.01, "narrow"), (0.03, "apart")]
+    goals["apart"] = None
+    assert ends(low + high, way_up) == Ends(low[3], high[0])
+    goals["narrow"] = None
+    blocked = "a level body has four holds in reach at 7 places, but none of the 3 tried can be a start; the first: "
+    assert ends(low + high, way_up) == Ends(without=f"{blocked}is blocked")
+
+
+def test_a_start_from_where_no_limb_moves_on_is_none() -> None:
+    found = [stance(0.0, "low"), stance(1.0, "high")]
+    stuck = Way(stance(0.05, "low"), 0, {"LF": "has no other hold in reach while the others hold on"})
+    said = (
+        "a level body has four holds in reach at 2 places, but no way up was found from the 1 tried; the first: LF has"
     )
+    assert ends(found, lambda _: stuck).without.startswith(said)

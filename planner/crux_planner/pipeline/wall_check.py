@@ -21,7 +21,8 @@ from crux_planner.model.build import build_problem, wall_contacts
 from crux_planner.model.contacts import PAIR_NAMES, Contact
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.offers import all_grips
-from crux_planner.pipeline.explanation import check_start
+from crux_planner.model.problem import Problem
+from crux_planner.pipeline.explanation import check_clear, check_start
 from crux_planner.reach.arm import CLEAR_M, reaches_of
 from crux_planner.reach.body_grid import BodyGrid
 from crux_planner.search.equilibrium import StaticEquilibrium
@@ -38,6 +39,7 @@ BESIDE_M, ABOVE_M = 0.1, 0.35  # how far its bodies go beyond all holds, and how
 PLACE_M = 0.04  # between bodies that are looked at for stances
 MARGIN_RAD = 0.04  # to joint limits
 STARTS = 5  # stances, the lowest, that the search upwards may begin from
+OFF_THE_MAP = "a limb is nearer to a joint limit, or to another limb, than the map has it"
 
 Progress = Callable[[float], None]
 
@@ -70,10 +72,13 @@ class Pair:
 
 @dataclass(frozen=True)
 class StartStance:
-    """A level body (x, y, height) in W [m] and the hold and faces of each limb."""
+    """A level body (x, y, height) in W [m], the hold and faces of each limb, and by limb which of the hold's grips on
+    these faces, where it has some.
+    """
 
     body_m: tuple[float, float, float]
     grasps: dict[str, tuple[str, str]]
+    grips: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass
@@ -123,10 +128,14 @@ def wall_offers(scenario: Scenario, robot: Robot, at: Progress = lambda _share: 
                 _reached(found, mine or off, scenario, robot, heading)
             pairs.append(found)
         at(0.8 * (index + 1) / len(scenario.holds))
-    report = WallReport(pairs, heading_rad=heading)
-    _add_stances(report, centred, scenario, robot)
+    report = WallReport(pairs, stances=_stances(centred, scenario, robot), heading_rad=heading)
     at(1.0)
     return report
+
+
+def wall_stances(scenario: Scenario, robot: Robot) -> list[StartStance]:
+    """The stances alone."""
+    return _stances(wall_contacts(scenario, robot, False)[0], scenario, robot)
 
 
 def _headings(scenario: Scenario) -> Array:
@@ -194,16 +203,17 @@ def _in_w(place_h: Array, heading: float) -> tuple[float, float, float]:
     return float(x), float(y), float(z)
 
 
-def _add_stances(report: WallReport, contacts: list[Contact], scenario: Scenario, robot: Robot) -> None:
-    """Places of a level body with the start's heading and height at which four limbs hold, links off each other."""
+def _stances(contacts: list[Contact], scenario: Scenario, robot: Robot) -> list[StartStance]:
+    """Of places of a level body with the start's heading and height at which four limbs hold, links off each other."""
     if not contacts:
-        return
+        return []
     places = np.array([c.centre_h_m for c in contacts])
     (x0, y0), (x1, y1) = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
     z = float(np.clip(scenario.start.body.position_m[2], *robot.body.height_m))
     x, y = (np.linspace(a, b, 2 + int((b - a) / PLACE_M)) for a, b in ((x0, x1), (y0, y1)))
     grid = BodyGrid(np.zeros(1), np.zeros(1), np.zeros(1), np.array([z]), x, y)
     reaches, (low, high) = reaches_of(robot, MARGIN_RAD), robot.grasp.gripper_yaw_rad
+    found: list[StartStance] = []
     held = np.zeros((len(LIMB_NAMES), len(contacts), len(x), len(y)), dtype=bool)
     for c, contact in enumerate(contacts):
         if not low <= contact.yaw_rad <= high or contact.spines_only:
@@ -215,12 +225,17 @@ def _add_stances(report: WallReport, contacts: list[Contact], scenario: Scenario
         chosen = _four(held[:, :, cell[0], cell[1]], contacts, grid, cell, reaches)
         if chosen is None:
             continue
-        body = _in_w(np.array([x[cell[0]], y[cell[1]], z]), report.heading_rad)
-        named = {
-            name: (scenario.holds[contacts[c].hold].name, PAIR_NAMES[contacts[c].pair])
-            for name, c in zip(LIMB_NAMES, chosen, strict=True)
-        }
-        report.stances.append(StartStance(body, named))
+        body = _in_w(np.array([x[cell[0]], y[cell[1]], z]), scenario.start.body.rpy_rad[2])
+        found.append(_named(body, [contacts[c] for c in chosen], scenario))
+    return found
+
+
+def _named(body_m: tuple[float, float, float], grasps: list[Contact], scenario: Scenario) -> StartStance:
+    """The stance of a body and its grasps, in limb order."""
+    holds = [scenario.holds[each.hold] for each in grasps]
+    by_limb = list(zip(LIMB_NAMES, grasps, holds, strict=True))
+    named = {name: (hold.name, PAIR_NAMES[each.pair]) for name, each, hold in by_limb}
+    return StartStance(body_m, named, {name: each.grip for name, each, hold in by_limb if hold.grips})
 
 
 def _four(
@@ -242,6 +257,42 @@ def _four(
     return None
 
 
+def way_up(scenario: Scenario, robot: Robot, limit_s: float, looks: int) -> tuple[Highest, StartStance | None]:
+    """What the search upwards finds from the scenario's start, whatever its goal, and the highest stance and place to
+    rest on it; None where motors hold the body nowhere.
+
+    Raises ScenarioError or InfeasibleError where the robot cannot start so, with the map's margins.
+    """
+    problem, upwards = _upwards(scenario, robot)
+    top = upwards.highest(looks, clock.now() + limit_s) if upwards.starts_on_the_map else None
+    if top is None:
+        raise InfeasibleError("reach", OFF_THE_MAP)
+    if top.rest is None:
+        return top, None
+    body = _in_w(np.array(top.rest.body_h_m), scenario.start.body.rpy_rad[2])
+    return top, _named(body, [problem.contacts[contact] for contact in top.rest.stance], scenario)
+
+
+def _upwards(scenario: Scenario, robot: Robot) -> tuple[Problem, Upwards]:
+    """The search of a level body over all holds, from the scenario's start; raises as `way_up`."""
+    heading = scenario.start.body.rpy_deg[2]
+    there = replace(scenario, goal=Goal(GoalPose(scenario.start.body.position_m, (0.0, 0.0, heading))))
+    problem = build_problem(there, robot)
+    check_start(there, problem, StaticEquilibrium(problem, problem.friction_share))
+    check_clear(there, problem, robot)
+    places = np.array([c.centre_h_m for c in problem.contacts])
+    (x0, y0), (x1, y1) = places[:, :2].min(axis=0) - BESIDE_M, places[:, :2].max(axis=0) + BESIDE_M
+    at = problem.start.position_m
+    axes = [
+        through + STEP_M * np.arange(np.floor((a - through) / STEP_M), np.ceil((b - through) / STEP_M) + 1)
+        for through, a, b in ((at[0], x0, x1 + ABOVE_M), (at[1], y0, y1))
+    ]
+    yaws = np.linspace(-2 * STEP_RAD, 2 * STEP_RAD, 5)
+    grid = BodyGrid(yaws, np.zeros(1), np.zeros(1), at[2:3], *axes)
+    masks = PoseMasks(problem, robot, grid, MARGIN_RAD)
+    return problem, Upwards(masks, Footing(problem, grid), SwingCache(problem))
+
+
 def _climb(report: WallReport, scenario: Scenario, robot: Robot, deadline: float, looks: int) -> None:
     """How far up one gets from the scenario's start, or else from the lowest stance that the planner takes."""
     own = None
@@ -249,35 +300,19 @@ def _climb(report: WallReport, scenario: Scenario, robot: Robot, deadline: float
         grasps = {name: (grasp.hold, grasp.faces) for name, grasp in scenario.start.grasps.items()}
         own = StartStance(scenario.start.body.position_m, grasps)
     for begun in ([own] if own is not None else []) + report.stances[:STARTS]:
-        goal = Goal(GoalPose(begun.body_m, (0.0, 0.0, scenario.start.body.rpy_deg[2])))
         start = scenario.start
         if begun is not own:
             body = replace(start.body, position_m=begun.body_m, rpy_deg=(0.0, 0.0, start.body.rpy_deg[2]))
             start = replace(start, body=body, air={}, grasps={n: Grasp(*g) for n, g in begun.grasps.items()})
-        there = replace(scenario, start=start, goal=goal)
         try:
-            problem = build_problem(there, robot)
-            check_start(there, problem, StaticEquilibrium(problem, problem.friction_share))
+            problem, upwards = _upwards(replace(scenario, start=start), robot)
         except (ScenarioError, InfeasibleError) as error:
             if begun is own:
                 report.refused = str(error)
             continue
-        report.begun = begun
-        places = np.array([c.centre_h_m for c in problem.contacts])
-        (x0, y0), (x1, y1) = places[:, :2].min(axis=0) - BESIDE_M, places[:, :2].max(axis=0) + BESIDE_M
-        at = problem.start.position_m
-        axes = [
-            through + STEP_M * np.arange(np.floor((a - through) / STEP_M), np.ceil((b - through) / STEP_M) + 1)
-            for through, a, b in ((at[0], x0, x1 + ABOVE_M), (at[1], y0, y1))
-        ]
-        yaws = np.linspace(-2 * STEP_RAD, 2 * STEP_RAD, 5)
-        grid = BodyGrid(yaws, np.zeros(1), np.zeros(1), at[2:3], *axes)
-        masks = PoseMasks(problem, robot, grid, MARGIN_RAD)
-        report.top = Upwards(masks, Footing(problem, grid), SwingCache(problem)).highest(looks, deadline)
+        report.begun, report.top = begun, upwards.highest(looks, deadline)
         if report.top is None:
-            report.refused = (
-                report.refused or "a limb is nearer to a joint limit, or to another limb, than the map has it"
-            )
+            report.refused = report.refused or OFF_THE_MAP
             continue
         for contact, limbs in report.top.held_by.items():
             each = problem.contacts[contact]

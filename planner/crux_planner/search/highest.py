@@ -9,20 +9,37 @@ from dataclasses import dataclass, field
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
+from crux_planner.model.arrays import Flags, Indices
 from crux_planner.model.schedule import Contacts, Stance
 from crux_planner.search.map_search import MapSearch, Node, Swing
 from crux_planner.solvers import clock
+
+_AHEAD_RAD = 1e-6  # off the start's heading
+_RESTS, _LOOKS = 12, 8  # stances, the highest, and poses on each that are looked at for one at which motors hold it
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A stance, the moves to it, and a place (3,) [m] in H, with the start's heading, at which motors hold the body: as
+    near as that to the middle of its places on the stance.
+    """
+
+    stance: Stance
+    moves: int
+    body_h_m: tuple[float, float, float]
 
 
 @dataclass
 class Highest:
     """What the search saw: the highest place of a body (3,) in balance on four limbs, [m] in H, and the stance there;
-    the moves to it; which limbs hold each contact in some stance; for each limb what stops it in that stance.
+    the moves to it; which limbs hold each contact in some stance; for each limb what stops it in that stance; where the
+    body rests highest.
     """
 
     body_h_m: tuple[float, float, float]
     stance: Stance
     moves: int
+    rest: Rest | None = None
     held_by: dict[int, set[int]] = field(default_factory=dict)
     stops: dict[str, str] = field(default_factory=dict)
     stances: int = 0
@@ -31,6 +48,14 @@ class Highest:
 
 class Upwards(MapSearch):
     """The search of one problem, whose goal does not count."""
+
+    @property
+    def starts_on_the_map(self) -> bool:
+        """Whether the start itself is, not only a pose beside it."""
+        start, axes = self.problem.start, self.masks.grid.axes
+        pose = (start.rpy_rad[2], *start.rpy_rad[:2], *start.position_m[[2, 0, 1]])
+        cell = tuple(int(np.argmin(np.abs(axis - at))) for axis, at in zip(axes, pose, strict=True))
+        return bool(self.poses(self.problem.start_contacts)[cell])
 
     def highest(self, most: int, deadline: float) -> Highest | None:
         """The highest that is found within so many looks at moves, by the deadline (of clock.now); None where the start
@@ -43,9 +68,12 @@ class Upwards(MapSearch):
             moves[start, part] = 0
             heapq.heappush(queue, (0.0, next(count), (start, part)))
         held_by: dict[int, set[int]] = {}
+        heights: dict[Node, float] = {}
         while queue and most > 0 and clock.now() < deadline:
             _, _, each = heapq.heappop(queue)
             if isinstance(each, Swing):
+                if not self._lifts_off(each):
+                    continue
                 most -= 1
                 for part in self._landed(each):
                     node = each.after, part
@@ -56,6 +84,7 @@ class Upwards(MapSearch):
             for limb, contact in enumerate(each[0]):
                 held_by.setdefault(contact, set()).add(limb)
             body = self._height(each)
+            heights[each] = body[0]
             if best is None or body[0] > best.body_h_m[0]:
                 best = Highest(body, each[0], moves[each])
                 highest = each
@@ -65,6 +94,8 @@ class Upwards(MapSearch):
             return None
         best.held_by, best.stances, best.complete = held_by, len(moves), not queue
         best.stops = {name: self._stop(highest, limb) for limb, name in enumerate(LIMB_NAMES)}
+        rests = (self._rest(node, moves[node]) for node in heapq.nlargest(_RESTS, heights, key=heights.__getitem__))
+        best.rest = max((each for each in rests if each is not None), key=lambda rest: rest.body_h_m[0], default=None)
         return best
 
     def _rank(self, stance: Stance) -> float:
@@ -78,12 +109,29 @@ class Upwards(MapSearch):
 
     def _height(self, node: Node) -> tuple[float, float, float]:
         """The highest place of a body in a node that balances on four limbs, or that there is at all."""
+        balanced = self._balanced(node)
+        cells = np.argwhere(balanced if balanced.any() else self._parts(node[0]) == node[1])
+        return self._place(cells[int(np.argmax(cells[:, 4]))])
+
+    def _balanced(self, node: Node) -> Flags:
+        """Where friction holds a body of a node."""
         stance, part = node
         mine = self._parts(stance) == part
         stands = self.footing.stands(stance, self._places[list(stance)].mean(axis=0))
-        balanced = mine if stands is None or not (mine & stands).any() else mine & stands
-        cells = np.argwhere(balanced)
-        place, _ = self.masks.grid.pose(cells[int(np.argmax(cells[:, 4]))].tolist())
+        return np.zeros_like(mine) if stands is None else mine & stands
+
+    def _rest(self, node: Node, moves: int) -> Rest | None:
+        """Where the body rests on a node; None where no place is found."""
+        cells = np.argwhere(self._balanced(node))
+        cells = cells[np.abs(self.masks.grid.yaw_rad[cells[:, 0]]) < _AHEAD_RAD]
+        off = np.linalg.norm(cells - cells.mean(axis=0), axis=1) if len(cells) else np.zeros(0)
+        for cell in cells[np.argsort(off, kind="stable")[:_LOOKS]]:
+            if self.footing.strong_at(node[0], node[0], tuple(cell.tolist())):
+                return Rest(node[0], moves, self._place(cell))
+        return None
+
+    def _place(self, cell: Indices) -> tuple[float, float, float]:
+        place, _ = self.masks.grid.pose(cell.tolist())
         return float(place[0]), float(place[1]), float(place[2])
 
     def _stop(self, node: Node, limb: int) -> str:
@@ -97,6 +145,8 @@ class Upwards(MapSearch):
         ends = sorted({self.problem.contacts[swing.end].hold for swing in swings})
         if not ends:
             return "has no other hold in reach while the others hold on"
+        if not any(self._lifts_off(swing) for swing in swings):
+            return "cannot lift off: motors are too weak without it"
         if any(self._landed(swing) for swing in swings):
             return "moves on, but no higher body was found by it"
         return f"finds no free swing to {', '.join(self.problem.hold_names[hold] for hold in ends)}"

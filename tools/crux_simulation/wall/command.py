@@ -38,9 +38,9 @@ def add_import(actions: Any) -> None:
             "become obstacles, with the reason. Of a board's table (CSV with the columns name, x_m up, y_m left, "
             "yaw_deg, size_x_m, size_y_m, size_z_m; the last four may be left out) every row is a hold. Holds are "
             "cuboids, in the plan as in the simulation; faces that lean have less friction, and only those of holds "
-            "on z = 0 lean in the scenario, too. Start and goal are a low and a high place at which a level body has "
-            "four holds in reach. Exit status: 0 the scenario is complete, 1 it is written, but there is no such "
-            "place, 2 the scan or the usage is wrong.",
+            "on z = 0 lean in the scenario, too. Start and goal are a low and a high stance of a level body, the goal "
+            "one to which the planner's map has a way. Exit status: 0 the scenario is complete, 1 it is written, but "
+            "no such stances were found, 2 the scan or the usage is wrong.",
             "crux wall import scan.ply -o wall.yaml --down 0 0 -1 --picture wall.png",
             "crux wall import corner.ply -o wall.yaml --down 0 0 -1 --outward 1 0 0",
             "crux wall import heights.npz -o wall.yaml --slope 90 --tilt 35",
@@ -116,7 +116,7 @@ def _import(options: argparse.Namespace) -> int:
         for faces, share in {grip.faces: min(grip.share) for grip in box.as_hold.grips}.items():
             if share < 1.0:
                 note(f"  {box.name}: {share:g} of a pad bears on faces {faces}")
-    without = found.stances if isinstance(found.stances, str) else None
+    without = found.ends.without or None
     note(f"start and goal are left out: {without}" if without else f"next: crux plan {options.output} -o plan.mcap")
     if options.json:
         print_json({"ok": not without, "scenario": str(options.output), "without_start": without, **_described(found)})

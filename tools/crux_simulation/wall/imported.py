@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import crux_planner
 import numpy as np
 import yaml
+from crux_contracts import LIMB_NAMES
 from crux_contracts.output_file import write_whole
 from crux_contracts.robot import Robot, load_robot
 from crux_contracts.scenario import ScenarioError
 from crux_contracts.scenario_bodies import SIDE_FACES
 from crux_contracts.scenario_types import MAX_CUBOIDS, Wall
-from crux_planner.method_report import wall_lacks
+from crux_planner.method_report import wall_lacks, wall_stances, way_up
 from crux_tools.errors import UsageError
 from crux_tools.output import progress
 from crux_tools.telemetry.rotations import rpy_of
@@ -29,11 +30,14 @@ from crux_simulation.wall.parts import WALL, Bounded, behind, bounded, parts
 from crux_simulation.wall.places import Limits, bodies, find_places
 from crux_simulation.wall.planes import planes
 from crux_simulation.wall.read import read_surface
-from crux_simulation.wall.stances import Stance, ends, stances
+from crux_simulation.wall.stances import Ends, Way, ends
 from crux_simulation.wall.surface import Array
 
+if TYPE_CHECKING:
+    from crux_planner.method_report import StartStance
+
 SLIPPERY = "its faces lean so much that friction holds nothing"
-LOOK_S = 0.01  # of the planner at a start: long enough to refuse it
+LOOKS, WAY_UP_S = 60, 10.0  # at moves from one start, and seconds of computing for these at most
 HORIZON = {"steps": 200, "dt_s": 2.0}
 
 
@@ -53,10 +57,10 @@ class Options:
 
 @dataclass(frozen=True)
 class Imported:
-    """What came of a scan, or of a board's table, which has no surface; `stances` is why there are none, without."""
+    """What came of a scan, or of a board's table, which has no surface."""
 
     boxes: list[Box]
-    stances: tuple[Stance, Stance] | str
+    ends: Ends
     slope_deg: float
     wall: Placed | None
     surfaces: list[Bounded] = field(default_factory=list)
@@ -93,10 +97,9 @@ def imported(scan: Path, output: Path, options: Options) -> Imported:
         while wall is not None and (lost := _ungripped(document, found, robot)):
             found = [_without(box, lost[box.name]) if box.name in lost else box for box in found]
             document = _document(scan, robot, found, surfaces, slope_deg, options)
-        on_holds = stances([box for box in found if box.is_hold], robot)
-        chosen = ends(on_holds, lambda stance: _refusal(document, stance, robot))
-    if not isinstance(chosen, str):
-        document |= _ends(*chosen)
+        chosen = _ends(document, robot)
+    if chosen.start is not None and chosen.goal is not None:
+        document |= {"start": _start(chosen.start), "goal": _end(chosen.goal)}
     text = _said(scan, robot, chosen, wall, options) + yaml.safe_dump(
         document, sort_keys=False, allow_unicode=True, default_flow_style=None, width=140
     )
@@ -220,27 +223,35 @@ def pose(place_m: Array, turn_rad: Array) -> dict[str, Any]:
     return {"position_m": [each + 0.0 for each in _rounded(place_m)], "rpy_deg": turns}
 
 
-def _ends(start: Stance, goal: Stance) -> dict[str, Any]:
-    return {"start": _end(start), "goal": _end(goal)}
+def _start(stance: StartStance) -> dict[str, Any]:
+    """With the grips that it is about."""
+    end = _end(stance)
+    grips = {limb: {"grip": grip} for limb, grip in stance.grips.items()}
+    return end | {"grasps": {limb: grasp | grips.get(limb, {}) for limb, grasp in end["grasps"].items()}}
 
 
-def _end(stance: Stance) -> dict[str, Any]:
+def _end(stance: StartStance) -> dict[str, Any]:
     grasps = {limb: {"hold": hold, "faces": faces} for limb, (hold, faces) in stance.grasps.items()}
     return {"body": {"position_m": [round(each, DIGITS) for each in stance.body_m]}, "grasps": grasps}
 
 
-def _refusal(document: dict[str, Any], stance: Stance, robot: Robot) -> str:
-    """Why the planner does not take a stance for a start; empty if it does."""
-    try:
-        crux_planner.plan(document | _ends(stance, stance), robot, time_limit_s=LOOK_S)
-    except crux_planner.InfeasibleError as error:
-        return str(error) if error.proven else ""
-    except ScenarioError as error:
-        return str(error)
-    return ""
+def _ends(document: dict[str, Any], robot: Robot) -> Ends:
+    """Start and goal by the planner's map."""
+
+    def up(start: StartStance) -> Way | str:
+        try:
+            top, goal = way_up(scenario_of(document | {"start": _start(start)}, robot, "wall"), robot, WAY_UP_S, LOOKS)
+        except (ScenarioError, crux_planner.InfeasibleError) as error:
+            return str(error)
+        moves = 0 if top.rest is None else top.rest.moves
+        return Way(goal, moves, top.stops)
+
+    if len(document["holds"]) < len(LIMB_NAMES):
+        return ends([], up)
+    return ends(wall_stances(scenario_of(document, robot, "wall"), robot), up)
 
 
-def _said(scan: Path, robot: Robot, chosen: tuple[Stance, Stance] | str, wall: Placed | None, options: Options) -> str:
+def _said(scan: Path, robot: Robot, chosen: Ends, wall: Placed | None, options: Options) -> str:
     """The first lines of the file: where it comes from, and what was taken for it."""
     slope = "." if options.down is not None else ", the slope."
     said = [f"# From {scan.name} by `crux wall import`. Not in it, so assumed [A]: friction, spines{slope}"]
@@ -250,8 +261,8 @@ def _said(scan: Path, robot: Robot, chosen: tuple[Stance, Stance] | str, wall: P
             f"# W: rows of the rotation from the scan's frame {np.round(wall.rotation, DIGITS).tolist()},",
             f"# then the offset {np.round(wall.offset, DIGITS).tolist()} m.",
         ]
-    if isinstance(chosen, str):
-        said.append("# No start was found on four of the holds: give start and goal.")
+    if chosen.without:
+        said.append("# No way up was found: give start and goal. `crux wall check` says what holds lack.")
     return "\n".join(said) + "\n"
 
 

@@ -32,7 +32,7 @@ def picture(found: Imported) -> bytes:
         if box.reason in reasons:
             label = f"({reasons.index(box.reason) + 1})"
         axes.annotate(label, (box.foot_m[1], box.foot_m[0]), color=colour, ha="center", va="center", fontsize=8)
-    stances = () if isinstance(found.stances, str) else found.stances
+    stances = [end for end in (found.ends.start, found.ends.goal) if end is not None]
     for stance, name in zip(stances, ("start", "goal"), strict=False):
         axes.plot(stance.body_m[1], stance.body_m[0], "b+", markersize=14)
         axes.annotate(f" {name}", (stance.body_m[1], stance.body_m[0]), color="b")
