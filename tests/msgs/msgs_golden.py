@@ -15,6 +15,7 @@ import crux_msgs
 import numpy as np
 from crux_contracts import LIMB_NAMES, can_codec, cdr
 from crux_contracts.five_bar import FiveBar
+from crux_contracts.gripper_frames import gripper_rotation, yaw_and_tilt
 from crux_contracts.interpolation import PlanReference
 from crux_contracts.transmissions import Limits, Transmission, own_limits
 from crux_msgs import limb_knot_t, plan_knot_t, plan_t
@@ -232,6 +233,51 @@ def tilted() -> dict[str, Any]:
     return interpolation(plan)
 
 
+def feet() -> dict[str, Any]:
+    """The same for RR that goes from a hold to a foothold, which is turned out of the wall's plane, and LF that goes
+    from one to a hold.
+    """
+    plan = sample_plan()
+    plan.format = plan_t.FORMAT_FEET
+    for place_w_m, tilt_rad in (([0.14, 0.36, 0.0], [0.0, 0.0]), ([-0.08, -0.36, 0.02], [0.2, -0.3])):
+        foothold = crux_msgs.hold_t()
+        foothold.name, foothold.graspable, foothold.tilt_rad = f"foothold{len(plan.holds)}", foothold.FOOTHOLD, tilt_rad
+        foothold.position_w_m, foothold.size_m = place_w_m, [0.024, 0.024, 0.0]
+        foothold.friction = [0.0, 0.0, 0.0, 0.0, 0.7]
+        plan.holds.append(foothold)
+    plan.n_holds = len(plan.holds)
+    _, tilt = yaw_and_tilt(_rotation(0.2, -0.3))
+    for k, knot in enumerate(plan.knots):
+        left, right = knot.limbs[0], knot.limbs[3]
+        if k < 2:
+            _stand(left, len(plan.holds) - 2, [0.14, 0.36, 0.0], np.zeros(2))
+        elif k == 2:  # the gripper's frame
+            left.gripper_position_w_m = [0.14, 0.36, 0.012]
+        if k in (2, 3):  # fingers rest on footholds
+            left.finger_separation_m = 0.09
+        if k == 9:
+            right.finger_separation_m = 0.09
+        if k > 9:
+            _stand(right, len(plan.holds) - 1, [-0.08, -0.36, 0.02], tilt)
+    return interpolation(plan)
+
+
+def _rotation(roll: float, pitch: float) -> np.ndarray:
+    """Ry(pitch) Rx(roll)"""
+    (sr, cr), (sp, cp) = ((np.sin(angle), np.cos(angle)) for angle in (roll, pitch))
+    return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
+
+
+def _stand(limb: limb_knot_t, hold: int, place_w_m: list[float], tilt_rad: np.ndarray) -> None:
+    """A foot on a foothold, with a force along its normal and across it."""
+    limb.hold, limb.finger1_face, limb.friction = hold, limb_knot_t.FACE_WALL, 0.7
+    limb.gripper_position_w_m, limb.gripper_tilt_w_rad = place_w_m, tilt_rad.tolist()
+    limb.finger_separation_m = 0.09
+    turn = gripper_rotation(limb.gripper_yaw_w_rad, tilt_rad)
+    limb.finger_force_w_n = np.tile(turn @ [2.0, -1.0, 14.0], 2).tolist()
+    limb.finger_moment_w_nm = [0.0] * 6
+
+
 def interpolation(plan: plan_t | None = None) -> dict[str, Any]:
     """A plan, LCM-encoded, and what it asks for at points (interval k, share u); limbs LF, RF, LR, RR."""
     plan = plan or sample_plan()
@@ -340,6 +386,7 @@ VECTORS: dict[str, Callable[[], Any]] = {
     "moving_fingers.json": moving_fingers,
     "walking.json": walking,
     "tilted.json": tilted,
+    "feet.json": feet,
     "transmissions.json": transmissions,
     "five_bars.json": five_bars,
 }

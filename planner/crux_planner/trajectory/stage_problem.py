@@ -55,10 +55,8 @@ class StageProblem:
         n = self.knots = problem.steps
         contacts = [[problem.contacts[c] if c is not None else None for c in knot] for knot in schedule.contacts[:n]]
         self.stance: Flags = np.array([[c is not None for c in knot] for knot in contacts])
-        self.grasps, none = (
-            np.array([[_grasp(c, problem.hand_numbers) for c in knot] for knot in contacts]),
-            np.zeros(2),
-        )
+        self.grasps = np.array([[_grasp(c, problem.hand_numbers) for c in knot] for knot in contacts])
+        none = np.zeros(2)
         friction = np.array([[none if c is None else c.grip_friction for c in knot] for knot in contacts])
         spiny = np.array([[none if c is None else c.spines.any(axis=1) for c in knot] for knot in contacts])
         self.fingers = np.concatenate([problem.friction_share * friction, spiny], axis=-1)
@@ -180,8 +178,7 @@ class StageProblem:
                 high[knots, limbs, :3] = spines[~rough].min(axis=0)
             for part in (slice(0, 3), slice(WRENCH_INPUTS, COLUMN)):
                 low[knots, limbs, part] = -high[knots, limbs, part]
-            if contact.foot:
-                low[knots, limbs, 1] = bounds[0][1] / scale[1]  # it never pulls
+            low[knots, limbs, 1] = np.maximum(low[knots, limbs, 1], bounds[0][1] / scale[1])  # a foot never pulls
         return low, high
 
     def split(self, rows: Array) -> list[Array]:

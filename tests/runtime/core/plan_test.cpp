@@ -64,6 +64,8 @@ TEST(ReferencePlayer, EqualsTheGoldenVectorsOfFingersThatMove) { expect_golden("
 
 TEST(ReferencePlayer, EqualsTheGoldenVectorsOfGrippersThatTilt) { expect_golden("tilted.json", false); }
 
+TEST(ReferencePlayer, EqualsTheGoldenVectorsOfFeetAmongGrips) { expect_golden("feet.json", false); }
+
 TEST(GripperRotation, TurnsAboutTheTiltAfterTheYaw) {
   const double yaw_rad = 0.7;
   const Eigen::Vector2d tilt_rad(0.3, -0.4);  // by half a radian
