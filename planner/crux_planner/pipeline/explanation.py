@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -18,9 +19,10 @@ from crux_planner.model.poses import beyond_planned_reach, missing_turn_rad, poi
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
-from crux_planner.reach.arm import reaches_of
+from crux_planner.reach import between
+from crux_planner.reach.arm import CLEAR_M, reaches_of
 from crux_planner.reach.poses import GripperPoses
-from crux_planner.reach.solids import gap_m
+from crux_planner.reach.solids import Links, gap_m, solids
 from crux_planner.reach.trunk_clearance import boxes_of
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.map_search import MapSearch
@@ -29,6 +31,8 @@ from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.box_planes import separation
 
 LACKING_N = 0.01  # a balance that lacks less is met
+LEAST_APART_M = CLEAR_M / 2  # of links and trunk, as the check asks
+_SAME_M = 1e-4  # as exactly as it does
 
 
 def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilibrium) -> None:
@@ -87,7 +91,9 @@ def _moved(contact: Contact, known: Uncertainty) -> Iterator[Array]:
 
 
 def check_clear(scenario: Scenario, problem: Problem, robot: Robot) -> None:
-    """Raise ScenarioError where the trunk or links would start in a tall cuboid, or in what is behind a surface."""
+    """Raise ScenarioError where the trunk or links would start in a cuboid that they may touch, in what is behind a
+    surface, or at each other.
+    """
     start, boxes = problem.start, boxes_of(problem.solids)
     pose, turn = np.concatenate([start.position_m, start.rpy_rad])[None], rotation_from_rpy(start.rpy_rad)
     tall = [each.name for each, tall in zip(scenario.cuboids, problem.tall, strict=True) if tall]
@@ -104,6 +110,34 @@ def check_clear(scenario: Scenario, problem: Problem, robot: Robot) -> None:
         if gaps[what] < 0.0:
             text = f"{what} would be {-1000 * gaps[what]:.0f} mm inside {name}"
             raise wrong(scenario, "start.body", point_text(problem, start.position_m), text)
+    _check_apart(scenario, problem, robot)
+
+
+def _check_apart(scenario: Scenario, problem: Problem, robot: Robot) -> None:
+    """Raise ScenarioError where, for certain, links start nearer to the trunk or to another limb's than the check
+    allows: of shapes that are all in the links.
+    """
+    start, turn = problem.start, rotation_from_rpy(problem.start.rpy_rad)
+    hands = hands_of(np.array([problem.contacts[c].pose for c in problem.start_contacts]))
+    place, turned, yaw = (hands[:, :3] - start.position_m) @ turn, turn.T @ rotations(hands), hands[:, 3]
+    all_links: list[Links] = []
+    for limb, (name, reach) in enumerate(zip(LIMB_NAMES, reaches_of(robot), strict=True)):
+        shapes = solids(robot, reach.limb, around=False)
+        seen = GripperPoses.of(place[[limb]], turned[[limb]], yaw[limb] - start.rpy_rad[2])
+        links = replace(reach, keep_off=shapes).links(seen)  # type: ignore[type-var]
+        all_links.append(links)
+        own = slice(len(shapes.links))
+        gaps = gap_m(shapes.trunk, links.start_m[0, own], links.end_m[0, own]) - links.radius_m[own]
+        _apart(scenario, problem, f"a link of {name}", "the trunk", float(gaps.min(initial=np.inf)))
+    for one, two in itertools.combinations(range(len(LIMB_NAMES)), 2):
+        gap = float(between.gap_m(all_links[one], all_links[two], hands=False)[0])
+        _apart(scenario, problem, f"a link of {LIMB_NAMES[one]}", f"one of {LIMB_NAMES[two]}", gap)
+
+
+def _apart(scenario: Scenario, problem: Problem, what: str, other: str, gap: float) -> None:
+    if gap < LEAST_APART_M - _SAME_M:
+        text = f"{what} would be {1000 * gap:.1f} mm off {other}, expected at least {1000 * LEAST_APART_M:.0f} mm"
+        raise wrong(scenario, "start.body", point_text(problem, problem.start.position_m), text)
 
 
 def _outside_m(scenario: Scenario, problem: Problem, limb: int) -> float:

@@ -1,11 +1,13 @@
-"""Tall obstacles: the trunk and links keep off them from the search on, not only once a check has refused a plan."""
+"""Tall obstacles: the trunk and links keep off them from the search on, not only once a check has refused a plan; and
+starts in which links touch.
+"""
 
 from __future__ import annotations
 
 import crux_planner
 import pytest
 from crux_contracts.scenario import ScenarioError
-from walls import two_rows
+from walls import one_move, two_rows
 
 HEIGHT_M = 0.25  # above any trunk
 
@@ -29,3 +31,19 @@ def test_the_body_goes_round_a_post_that_its_cheapest_way_touches() -> None:
 def test_a_start_inside_a_post_is_told_so(place_m: tuple[float, float], what: str) -> None:
     with pytest.raises(ScenarioError, match=rf"start\.body: .*: {what} would be \d+ mm inside post"):
         crux_planner.plan(with_post(*place_m), "scaler")
+
+
+@pytest.mark.parametrize(
+    ("places_m", "what"),
+    [({"RR": (0.0, -0.1)}, " off the trunk"), ({"RF": (0.0, -0.25), "RR": (0.12, -0.25)}, "one of RR")],
+    ids=["trunk", "limb"],
+)
+def test_a_start_in_which_links_touch_is_told_so(places_m: dict[str, tuple[float, float]], what: str) -> None:
+    """Within joint limits: no plan of it passes the check."""
+    wall = one_move()
+    for limb, place_m in places_m.items():
+        name = wall["start"]["grasps"][limb]["hold"]
+        next(hold for hold in wall["holds"] if hold["name"] == name)["position_m"] = list(place_m)
+    with pytest.raises(ScenarioError, match=rf"start\.body: .*: a link of R. would be .*{what}") as told:
+        crux_planner.plan(wall, "scaler")
+    assert "expected at least 3 mm" in str(told.value)
