@@ -24,6 +24,7 @@ from hand_plan import (
 FRICTION = 0.8
 STEP_M = 0.05  # of the foot, up the slope
 SHIFT_M = 0.02  # of the body, likewise
+ASIDE_M, STRIP_M = 0.06, 0.03  # of a step to the left, and half as wide as the strip on which it ends
 LIFT_M = 0.05  # of the gripper, over where it stood
 FOOT_OPENING_M = 0.03
 SQUEEZE_N = 20.0
@@ -104,14 +105,33 @@ def _foothold(name: str, place_m: Floats, radius_m: float) -> hold_t:
     return made
 
 
-def stepping_plan(dt_s: float = 1.0) -> plan_t:
-    """The front limbs grip holds of a 45 degree slope, the rear ones stand on footholds; RR steps up by STEP_M, and the
-    body follows by SHIFT_M.
+def _surfaces(higher_m: float) -> list[dict[str, Any]]:
+    """The slope, in three strips where that in which RR lands sideways is higher than planned."""
+    if higher_m == 0.0:
+        return [
+            {"name": "slope", "plane": {"point_m": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}, "friction": FRICTION}
+        ]
+    lands = float(NOMINAL_M[MOVES][1]) + ASIDE_M
+    ends = [-0.7, lands - STRIP_M, lands + STRIP_M, 0.7]
+    strips = zip(("right", "landing", "left"), ends[:-1], ends[1:], (0.0, higher_m, 0.0), strict=True)
+    return [
+        {
+            "name": name,
+            "rectangle": {"pose": {"position_m": [0.0, (low + high) / 2, z]}, "size_m": [1.0, high - low]},
+            "friction": FRICTION,
+        }
+        for name, low, high, z in strips
+    ]
+
+
+def stepping_plan(step_m: tuple[float, float] = (STEP_M, 0.0), higher_m: float = 0.0, dt_s: float = 1.0) -> plan_t:
+    """The front limbs grip holds of a 45 degree slope, the rear ones stand on footholds; RR steps by `step_m`, up and
+    aside, and the body follows by SHIFT_M. RR's surface is `higher_m` than planned where it lands, ASIDE_M aside.
     """
     wall = Wall(xy_m=NOMINAL_M[:2].copy(), yaw_rad=np.zeros(2), dt_s=dt_s)
     radius_m = load_robot("scaler").gripper.pad_radius_m
     old = np.array([*NOMINAL_M[MOVES], 0.0])
-    new = old + np.array([STEP_M, 0.0, 0.0])
+    new = old + np.array([*step_m, 0.0])
     up = np.array([0.0, 0.0, 1.0])
     collected = _Plan(wall, dt_s)
     body = np.array([0.0, 0.0, BODY_HEIGHT_M])
@@ -127,7 +147,7 @@ def stepping_plan(dt_s: float = 1.0) -> plan_t:
         collected.add(body, new, MOVES + 1)
     plan = finish(wall, collected.knots)
     places = [np.array([*NOMINAL_M[2], 0.0]), old, new]
-    return with_footholds(plan, [_foothold(f"f{i}", place, radius_m) for i, place in enumerate(places)])
+    return with_footholds(plan, [_foothold(f"f{i}", place, radius_m) for i, place in enumerate(places)], higher_m)
 
 
 def _hold_of_version_2(hold: dict[str, Any]) -> dict[str, Any]:
@@ -138,19 +158,22 @@ def _hold_of_version_2(hold: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def with_footholds(plan: plan_t, footholds: list[hold_t]) -> plan_t:
+def with_footholds(plan: plan_t, footholds: list[hold_t], higher_m: float = 0.0) -> plan_t:
     """Of format 5, with a scenario that has them."""
     plan.format = plan_t.FORMAT_FEET
     plan.holds = [*plan.holds, *footholds]
     plan.n_holds = len(plan.holds)
     scenario = yaml.safe_load(plan.scenario_yaml)
-    slope = scenario.pop("wall")["slope_deg"]
+    del scenario["wall"]
     scenario["version"] = 2
     scenario["gravity_m_s2"] = plan.gravity_w_m_s2
-    plane = {"point_m": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
-    scenario["surfaces"] = [{"name": f"slope-{slope:g}", "plane": plane, "friction": FRICTION}]
+    scenario["surfaces"] = _surfaces(higher_m)
     scenario["holds"] = [_hold_of_version_2(hold) for hold in scenario["holds"]]
-    scenario["footholds"] = [{"name": each.name, "position_m": list(each.position_w_m)} for each in footholds]
+    off_m = [0.0] * (len(footholds) - 1) + [higher_m]
+    scenario["footholds"] = [
+        {"name": each.name, "position_m": [*each.position_w_m[:2], off]}
+        for each, off in zip(footholds, off_m, strict=True)
+    ]
     scenario["start"]["grasps"] = {
         name: {"hold": f"h{i}", "faces": "x"} if i not in FEET else {"foothold": f"f{i - HANDS_FROM}"}
         for i, name in enumerate(LIMB_NAMES)

@@ -10,15 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 from climbs import climb_here, saved
+from crux_contracts.robot import load_robot
 from crux_msgs import truth_contacts_t
 from crux_simulation.sim.judge import pad_travel
 from crux_tools.cli import main
+from crux_tools.errors import UsageError
+from crux_tools.guide.guide import Guide
+from crux_tools.guide.replanner import Replanner
 from crux_tools.report.command import write_report
 from crux_tools.telemetry.channels import read_channels
 from crux_tools.telemetry.reader import read_log
 from crux_tools.view.recording import recording_of
-from feet_plan import FEET, FRICTION, MOVES, STEP_M, stepping_plan
+from feet_plan import ASIDE_M, FEET, FRICTION, MOVES, STEP_M, stepping_plan
 
+DESCENDS, CLOSES = 5, 6  # limb_reference_t.phase
 HAND_PADS, FOOT_PADS = slice(0, 4), slice(4, 8)
 
 
@@ -52,6 +57,29 @@ def test_a_foot_steps_while_hands_hold(tmp_path: Path) -> None:
     assert float(least[1]) > 0.0
     for path in (plan, log):
         assert recording_of(path) is not None
+
+
+@pytest.mark.parametrize("higher_m", [0.008, -0.02])
+def test_a_foot_stops_at_its_surface_where_it_is(tmp_path: Path, higher_m: float) -> None:
+    plan, log = saved(tmp_path, stepping_plan((0.0, ASIDE_M), higher_m)), tmp_path / "log.mcap"
+    status, result = climb_here(plan, log)
+    assert status == 0, result
+    assert result["slips"] == 0
+    climb = read_log(log)
+    height_m = climb.limbs["gripper_position_w_m"][:, MOVES, 2]
+    assert height_m[-1] - height_m[0] == pytest.approx(higher_m, abs=0.004)
+    # It lands far more gently than it is to stand there in the end.
+    lands = np.isin(climb.references["phase"][:, MOVES], (DESCENDS, CLOSES))
+    force_n = climb.limbs["force_w_n"][:, MOVES, 2]
+    assert force_n[lands].max() < 0.5 * force_n[-1]
+
+
+def test_no_guide_takes_a_plan_with_footholds() -> None:
+    nobody: Any = None
+    with pytest.raises(UsageError, match="limbs stand on footholds"):
+        Guide(nobody, stepping_plan(), load_robot("scaler"), print)
+    with pytest.raises(UsageError, match="limbs stand on footholds"):
+        Replanner(nobody, stepping_plan(), load_robot("scaler"), print)
 
 
 def test_a_limb_with_footholds_slips_on_the_wall_and_others_do_not() -> None:

@@ -23,7 +23,6 @@ constexpr double kSticks = 0.125;
 // that give way bear now more, now less.
 constexpr double kStaysBlocked = 0.5;
 constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
-constexpr double kStandsOn = 0.3;    // of its planned normal force: a foot on a foothold that presses so stands
 
 /// The gripper still grips: it aims from the commanded body pose, and where it grips is remembered. A foot has found
 /// its place when it bears its load: at the planned instant of touch-down a servo's lag still parts it from the ground.
@@ -187,16 +186,6 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
           .blocked = blocked_};
 }
 
-bool LimbController::stands_on_foot(const LimbReference& reference, double dt_s) noexcept {
-  const double planned_N = reference.wrench_W.force_N.dot(reference.off_W());
-  const bool loaded = reference.gripping() && reference.load >= 1.0;
-  const double least_N =
-      std::min(control_.contact_force_N, loaded ? kStandsOn * std::max(planned_N, 0.0) : control_.contact_force_N);
-  const bool touches = trusts_force_torque_ ? foot_force_N(reference) >= least_N : runs_against();
-  stood_s_ = touches ? stood_s_ + dt_s : 0.0;
-  return stood_s_ >= supervisor_.persistence_s;
-}
-
 Pose LimbController::target_W(const LimbReference& reference) const noexcept {
   return {rotation_exp(admittance_.rotation_rad()) * reference.gripper_rotation_W(),
           anchor_W_m(reference) + admittance_.offset_m()};
@@ -308,7 +297,8 @@ void LimbController::comply(const LimbReference& reference, const Wrench& all_W,
   }
   // A gripper that runs against something bears a force, which is no bias; its joints tell.
   // A foot that comes down early yields to its surface, whatever its joints show of it.
-  const bool lands = reference.on_foothold && reference.phase == LimbPhase::kDescend && foot_force_N(reference) > 0.0;
+  const bool lands = reference.on_foothold && reference.phase == LimbPhase::kDescend && trusts_force_torque_ &&
+                     foot_force_N(reference) >= control_.contact_force_N;
   const bool runs_against = !reference.point_foot && (lands || this->runs_against());
   Vector3 felt_N = runs_against ? wrench_W().force_N : Vector3::Zero();
   // What it runs against from the side, in passing over, stands out further than planned, or the gripper is lower than
@@ -322,6 +312,11 @@ void LimbController::comply(const LimbReference& reference, const Wrench& all_W,
     if (rises) felt_N.z() += admittance_.parameters().damping_Ns_m * admittance_.parameters().max_speed_m_s;
     admittance_.fade(felt_N, control_.swing_decay_s, dt_s);
     if (rises) admittance_.rebase({before_m.x(), before_m.y(), admittance_.offset_m().z()}, admittance_.rotation_rad());
+    // What has touched its surface goes no further down.
+    const Vector3 off_W = reference.off_W();
+    const double sinks_m = off_W.dot((aim_W_ * goal_B_).position_m - target_W(reference).position_m);
+    if (lands && sinks_m > 0.0)
+      admittance_.rebase(admittance_.offset_m() + sinks_m * off_W, admittance_.rotation_rad());
     // A hold that stands out of the wall further than planned is passed at the planned height above where it was
     // gripped; and beside it the gripper rises as long as it is pushed, whatever rubs.
     const AdmittanceParameters& gains = admittance_.parameters();

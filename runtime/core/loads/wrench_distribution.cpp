@@ -11,7 +11,22 @@ namespace {
 // Keeps the normal matrix regular when too few limbs bear load; 1e-9 of its size does not show in the balance.
 constexpr double kRegularisation = 1e-9;
 constexpr double kInCone_N = 1e-9;         // a force so near to its cone counts as in it
+constexpr int kRounds = 10;                // of projections on cones and balance in turn
 constexpr double kMostUtilisation = 10.0;  // of a foot that all but hangs in the air
+
+/// Plans `wrenches` for the bearers, those of feet within their cones; false where all were.
+bool put_in_cones(PerLimb<Bearer>& bearers, const PerLimb<Wrench>& wrenches) noexcept {
+  bool beyond = false;
+  for (int l = 0; l < kLimbs; ++l) {
+    Bearer& bearer = bearers[l];
+    bearer.planned_W = wrenches[l];
+    if (!bearer.foot.stands || bearer.load <= 0.0) continue;
+    const Vector3 nearest_N = bearer.foot.nearest_W_N(wrenches[l].force_N);
+    beyond = beyond || (nearest_N - wrenches[l].force_N).norm() > kInCone_N;
+    bearer.planned_W.force_N = nearest_N;
+  }
+  return beyond;
+}
 
 }  // namespace
 
@@ -68,6 +83,10 @@ PerLimb<Wrench> within_cones(const PerLimb<Wrench>& wrenches, const PerLimb<Bear
                              const Vector3& weight_W_N, double twist_length_m) noexcept {
   PerLimb<Wrench> within = wrenches;
   PerLimb<Bearer> bearers = limbs;
+  // In turn into the cones and back into balance: so feet make good for each other what they can.
+  for (int round = 0; round < kRounds && put_in_cones(bearers, within); ++round)
+    within = balanced_wrenches(bearers, com_W_m, weight_W_N, twist_length_m);
+  // What is left the others bear.
   for (int feet = 0; feet < kLimbs; ++feet) {
     bool beyond = false;
     for (int l = 0; l < kLimbs; ++l) {

@@ -76,16 +76,18 @@ TEST(FootShares, WhatFeetCannotBearGoesToTheGrips) {
     Vector3 force_N = kWeight_N, moment_Nm = Vector3::Zero();
     double moved_N = 0.0;
     for (int l = 0; l < kLimbs; ++l) {
-      if (l >= 2) expect_in_cone(limbs[l].foot, within[l].force_N);
-      if (l >= 2) EXPECT_TRUE(within[l].moment_Nm.isZero(0.0));
+      if (limbs[l].foot.stands) {
+        expect_in_cone(limbs[l].foot, within[l].force_N);
+        EXPECT_TRUE(within[l].moment_Nm.isZero(0.0));
+      }
       force_N += within[l].force_N;
       moment_Nm += within[l].moment_Nm + (limbs[l].position_W_m - kCom_m).cross(within[l].force_N);
       moved_N = std::max(moved_N, (within[l].force_N - wrenches[l].force_N).norm());
     }
     beyond += moved_N > 1.0 ? 1 : 0;
-    EXPECT_LT(force_N.norm(), 1e-4);
-    // Two grips turn the body about any axis but the line between them, about which they have their twists alone.
-    EXPECT_LT(moment_Nm.cross((limbs[0].position_W_m - limbs[1].position_W_m).normalized()).norm(), 1e-3);
+    // Two grips alone turn the body about no line through both: the feet do that, as far as they come in a few rounds.
+    EXPECT_LT(force_N.norm(), 0.02);
+    EXPECT_LT(moment_Nm.norm(), 0.1);
   }
   EXPECT_GT(beyond, 50);
 }

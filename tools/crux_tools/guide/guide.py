@@ -15,7 +15,7 @@ from crux_msgs import command_t, limb_knot_t, plan_t, robot_state_t, status_t
 from crux_planner import InfeasibleError, Planner, PlanResult
 
 from crux_tools.errors import UsageError, WorkFailed
-from crux_tools.guide.situation import Situation
+from crux_tools.guide.situation import Situation, refuse_feet
 from crux_tools.operator_link import START_IT, OperatorLink
 from crux_tools.operator_status import fault_of, hanging, is_only_told
 from crux_tools.telemetry.summary import STANDS_UP
@@ -82,6 +82,7 @@ class Guide:
     _heard_s: float | None = field(default=None, init=False)  # when the runtime answered last
 
     def __post_init__(self) -> None:
+        refuse_feet(self.plan)
         # Everything that planning needs is loaded before it is needed.
         Planner(parse_scenario(self.plan.scenario_yaml), self.robot)
 

@@ -22,6 +22,7 @@ from crux_planner import InfeasibleError, Planner, PlanResult, stances
 
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.guide.measured import Found, found_holds, interval_of, scenario_with
+from crux_tools.guide.situation import refuse_feet
 from crux_tools.operator_link import OperatorLink
 from crux_tools.telemetry.channels import REPLANNED
 
@@ -68,6 +69,7 @@ class Replanner:
     _seen: int = field(default=1, init=False)  # stances that were looked at; the plan's start is as it was measured
 
     def __post_init__(self) -> None:
+        refuse_feet(self.plan)
         # Everything that planning needs is loaded before it is needed.
         with suppress(InfeasibleError):
             Planner(parse_scenario(self.plan.scenario_yaml), self.robot).replan(self.plan, 0.0, quick=True)

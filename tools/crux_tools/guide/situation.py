@@ -27,6 +27,7 @@ from crux_contracts.scenario_document import (
 from crux_contracts.yaml_document import Problem
 from crux_msgs import hold_t, limb_knot_t, limb_reference_t, limb_telemetry_t, plan_t, status_t
 
+from crux_tools.errors import UsageError
 from crux_tools.operator_status import GRIPPING
 from crux_tools.telemetry.rotations import rotations_from_quaternions
 
@@ -38,6 +39,14 @@ SHIFT_M, TURN_RAD = 0.005, 0.035  # that a hold is off the map at least where it
 LEAST_STEPS = 60  # of the horizon: the way on may be a detour
 INSIDE_M, INSIDE_RAD = 0.002, 0.01  # kept of the body's bounds (7)
 IN_PLAN, MEASURED = "the scenario in the plan", "the wall as measured"  # in messages
+
+
+def refuse_feet(plan: plan_t) -> None:
+    """Raises UsageError for a plan in which limbs stand on footholds: a foot feels no hold, and the runtime takes over
+    no other plan from there.
+    """
+    if plan.format == plan_t.FORMAT_FEET:
+        raise UsageError(f"{plan.scenario_name}: limbs stand on footholds; such a plan is not made anew on its way")
 
 
 @dataclass(frozen=True)
