@@ -173,7 +173,7 @@ def _off(truth: Truth, robot: RobotModel) -> tuple[Bools, Bools]:
     on_wall = (truth.pad_face >= 0) & (robot.face_hold[truth.pad_face] < 0)
     touches = truth.pad_face >= 0 if robot.point_feet else on_wall
     pads = (-1, len(LIMB_NAMES), 2)
-    off_hold = ((truth.pad_face < 0) | on_wall).reshape(pads).any(axis=2)
+    off_hold = np.asarray(((truth.pad_face < 0) | on_wall).reshape(pads).any(axis=2))
     return off_hold, ~touches.reshape(pads).any(axis=2) | ~robot.stands
 
 
