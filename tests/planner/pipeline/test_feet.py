@@ -11,10 +11,11 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import Scenario, ScenarioError, load_scenario, parse_scenario
 from crux_contracts.yaml_document import Node, parse_mapping
-from crux_msgs import hold_t, limb_knot_t, plan_t
+from crux_msgs import hold_t, plan_t
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.model.contacts import Contact
+from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.pipeline.route import plan_route
 from crux_planner.pipeline.wall_check import wall_offers
 from crux_planner.search.equilibrium import StaticEquilibrium
@@ -57,20 +58,22 @@ def test_a_plan_where_no_limb_stands_is_as_without_footholds(planned: SharedPlan
     assert {hold.graspable for hold in plan.holds} == {hold_t.HOLD}
 
 
-def test_feet_stand_on_a_floor_and_hands_grip_a_wall(planned: SharedPlans) -> None:
-    scenario = load_scenario(WALLS / "feet-floor-wall.yaml")
+@pytest.mark.parametrize(("name", "surfaces"), [("feet-floor-wall", {"lower"}), ("feet-chimney", {"left", "right"})])
+def test_feet_stand_on_bounded_surfaces(name: str, surfaces: set[str], planned: SharedPlans) -> None:
+    scenario = load_scenario(WALLS / f"{name}.yaml")
     plan = planned(scenario, ROBOT).plan
     assert plan.format == plan_t.FORMAT_FEET
-    ways = {scenario.footholds[limb.hold - len(scenario.cuboids)].surface for knot in plan.knots for limb in knot.limbs
-            if limb.finger1_face == limb_knot_t.FACE_WALL}  # fmt: skip
-    assert ways == {"lower"}
-    normal = np.array([1.0, 0.0, 1.0]) / 2**0.5
-    for knot in plan.knots:
-        foot = knot.limbs[3]
-        if foot.phase == foot.STANCE:
-            pushed = np.array(foot.finger_force_w_n).reshape(2, 3).sum(axis=0)
-            assert pushed @ normal > 0.0
-            assert np.linalg.norm(pushed - pushed @ normal * normal) <= 0.8 * pushed @ normal
+    stood_on = set()
+    for foot in (limb for knot in plan.knots for limb in knot.limbs if limb.finger1_face == limb.FACE_WALL):
+        foothold = scenario.footholds[foot.hold - len(scenario.cuboids)]
+        slab = next(slab for slab in scenario.wall.slabs if slab.name == foothold.surface)
+        normal = rotation_from_rpy(np.array([*slab.tilt_rad, slab.yaw_rad]))[:, 2]
+        pushed = np.array(foot.finger_force_w_n).reshape(2, 3).sum(axis=0)
+        assert pushed @ normal > 0.0
+        assert np.linalg.norm(pushed - pushed @ normal * normal) <= slab.friction * pushed @ normal
+        assert foot.friction == slab.friction
+        stood_on.add(slab.name)
+    assert stood_on == surfaces
 
 
 def test_feet_push_and_never_pull_in_the_search() -> None:
