@@ -19,6 +19,7 @@ from crux_planner.checker.equilibrium import (
     correction,
     shared_load,
     tumble_margin,
+    within_cones,
 )
 from crux_planner.checker.feet import check_feet, on_surfaces
 from crux_planner.checker.kinematics import check_kinematics
@@ -92,6 +93,8 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
         check_feet_press(feet, inertial, window_s, findings)
     net = (feet.force.sum(axis=1), np.zeros_like(centre)) if point else None
     shared, left = shared_load(feet, centre, net, robot.control.twist_length_m)
+    if plan.standing.any():
+        shared, left = within_cones(plan, feet, (shared, left), centre, robot.control.twist_length_m)
     report.correction = None if point else correction(feet, shared, centre)
     check_between_knots(plan, shared, left, loads, scenario, findings)
     shared = on_pads(shared, pad_radius_m) if point else shared

@@ -20,7 +20,7 @@ from crux_contracts.scenario import Scenario
 
 from crux_planner.checker import tolerances
 from crux_planner.checker.cuboids import Cuboids
-from crux_planner.checker.feet import foot_excess
+from crux_planner.checker.feet import foot_excess, nearest_in_cone
 from crux_planner.checker.geometry import Array, cross, solved
 from crux_planner.checker.kinematics import LimbMotion, held_torque
 from crux_planner.checker.limb_model import BEARERS, WholeRobot
@@ -243,6 +243,33 @@ def shared_load(
     if net is not None:
         force = along_plane(samples.gripper_position, force)
     return replace(samples, force=force, moment=moment), left
+
+
+def within_cones(
+    plan: PlanArrays, planned: Samples, shared: tuple[Samples, Array], centre_w_m: Array, twist_length_m: float
+) -> tuple[Samples, Array]:
+    """What `shared_load` made of the `planned` samples, with what feet on footholds cannot bear given to the others, as
+    the controller does: a foot beyond its cone bears the nearest force in it, and the rest is balanced anew about that.
+    """
+    (found, left), begun = shared, planned
+    net, fixed = (planned.force.sum(axis=1), np.zeros_like(centre_w_m)), np.zeros(planned.load.shape, dtype=bool)
+    for _ in range(len(LIMB_NAMES)):
+        nearest = nearest_in_cone(plan, found)
+        beyond = planned.foot & (planned.load > 0.0) & ~fixed
+        beyond &= np.linalg.norm(nearest - found.force, axis=2) > _IN_CONE_N
+        if not beyond.any():
+            break
+        fixed |= beyond
+        force = np.where(beyond[..., None], nearest, begun.force)
+        moment = np.where(beyond[..., None], np.cross(begun.below_m, force), begun.moment)
+        begun = replace(begun, force=force, moment=moment)
+        others = replace(begun, load=np.where(fixed, 0.0, begun.load))
+        force, moment, left = corrected_wrenches(others, twist_length_m, centre_w_m, net)
+        found = replace(begun, force=force, moment=moment)
+    return found, left
+
+
+_IN_CONE_N = 1e-9  # so near to its cone a foot's force counts as in it
 
 
 def correction(planned: Samples, shared: Samples, centre_w_m: Array) -> Correction:

@@ -131,6 +131,20 @@ def foot_excess(plan: PlanArrays, samples: Samples, limb: int) -> Array:
     return np.asarray(np.maximum(beyond, np.maximum(-pressed, pressed - plan.max_normal_N)))
 
 
+def nearest_in_cone(plan: PlanArrays, samples: Samples) -> Array:
+    """(T, 4, 3) forces, those of feet the nearest that they can bear."""
+    foothold, force = plan.foothold[samples.interval], samples.force
+    normal, friction = plan.footholds.normal[foothold], plan.footholds.friction[foothold, 4]
+    pressed = (force * normal).sum(axis=-1)
+    along = force - pressed[..., None] * normal
+    size = np.linalg.norm(along, axis=-1)
+    on_cone = (pressed + friction * size) / (1.0 + friction**2)
+    pressed = np.clip(np.where(size <= friction * pressed, pressed, on_cone), 0.0, plan.max_normal_N)
+    share = np.minimum(friction * pressed / np.where(size > 0.0, size, 1.0), 1.0)
+    borne = pressed[..., None] * normal + share[..., None] * along
+    return np.where(samples.foot[..., None], borne, force)
+
+
 def _check_ways(plan: PlanArrays, limb: int, findings: Findings) -> None:
     """A gripper leaves a foothold, and comes to one, along the surface's normal while it is as near to it as nothing
     else may be, and its fingers rest meanwhile.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_msgs import hold_t, limb_knot_t, plan_t
 from crux_planner.checker import CheckReport, check_plan
+from crux_planner.checker.equilibrium import shared_load, within_cones
 from crux_planner.checker.feet import on_surfaces
 from crux_planner.checker.plan_arrays import read_plan
 from crux_planner.checker.report import Findings
@@ -221,3 +223,30 @@ def test_the_check_refuses(plan: plan_t, change: Callable[[plan_t], None], const
     report = broken(plan, change)
     assert not report.ok
     assert constraint in {violation.constraint for violation in report.violations}
+
+
+def test_between_knots_grips_bear_what_a_foot_cannot(plan: plan_t) -> None:
+    """Feet that press less than planned would have to slide."""
+    read = read_plan(plan, Findings(), ROBOT.gripper.pad_radius_m)
+    assert read is not None
+    arrays = on_surfaces(read, WALL, ROBOT, Findings())
+    planned = sample(arrays)
+    stands = planned.foot & (planned.load > 0.0)
+    weak = replace(planned, force=np.where(stands[..., None], planned.force * [1.0, 1.0, 0.3], planned.force))
+    weak = replace(weak, moment=np.where(stands[..., None], np.cross(weak.below_m, weak.force), weak.moment))
+    about = planned.body_position
+    shared = shared_load(weak, about, None, ROBOT.control.twist_length_m)
+    normal, slides = shared[0].force[..., 2], np.linalg.norm(shared[0].force[..., :2], axis=2)
+    assert (slides > 0.9 * normal + 1.0)[stands].any()
+    found, left = within_cones(arrays, weak, shared, about, ROBOT.control.twist_length_m)
+    normal, slides = found.force[..., 2], np.linalg.norm(found.force[..., :2], axis=2)
+    assert (slides <= 0.9 * normal + 1e-6)[stands].all()
+    assert normal[stands].min() >= 0.0
+    balanced = left < 1e-6
+    assert balanced.mean() > 0.9
+    np.testing.assert_allclose(found.force.sum(axis=1)[balanced], weak.force.sum(axis=1)[balanced], atol=1e-6)
+    arm = found.gripper_position - about[:, None]
+    moment = (np.cross(arm, found.force) + found.moment).sum(axis=1)
+    np.testing.assert_allclose(moment[balanced], 0.0, atol=1e-6)
+    on_foot = found.moment - np.cross(found.below_m, found.force)
+    np.testing.assert_allclose(on_foot[stands], 0.0, atol=1e-9)
