@@ -97,9 +97,15 @@ void Grips::judge(const CycleView& now, PlanClock& clock, PerLimb<LimbController
     touch_wall(now, clock, limbs[l], l, unsure, events[l], dt_s);
     rubs_[l] = reference.phase == LimbPhase::kLift && (rubs_[l] || events[l].blocked);
     if (retry_.limb() == l) {
-      if (reference.phase == LimbPhase::kDescend && events[l].arrived) retry_.opened();
+      Fingers& fingers = limbs[l].fingers();
+      const bool opened = fingers.stands() || fingers.opened_wide(reference);
+      // Fingers that jammed open no further, and close no further then.
+      if (!fingers.stands()) clock.wait_anew();
+      if (reference.phase == LimbPhase::kDescend && events[l].arrived && opened) {
+        retry_.opened();
+        fingers.close_again();
+      }
       events[l].gripped = false;
-      clock.wait_anew();
     }
     if (!reference.closing() || reference.on_foothold) continue;
     if (events[l].gripped && pull_.result(l) == GraspPull::Result::kNone) begin_pull(now, clock.now(), l);

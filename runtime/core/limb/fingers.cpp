@@ -7,9 +7,10 @@ namespace crux {
 namespace {
 
 constexpr double kRest_m_s = 0.02;
-constexpr double kPadsGive_m = 0.001;     // in the width of a hold, under its squeeze
-constexpr double kStop_m = 0.001;         // from the closed stop: they press on each other or on the stop itself
-constexpr double kLeastClosed_m = 0.001;  // fingers that came down about a hold close so far, or are jammed
+constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
+constexpr double kStop_m = 0.001;      // from the closed stop: they press on each other or on the stop itself
+// Fingers that stay so near to a place stand there.
+constexpr double kStands_m = 0.0002;
 
 }  // namespace
 
@@ -37,6 +38,8 @@ bool Fingers::gripped(const LimbReference& reference, double dt_s) noexcept {
   } else if (!reference.gripping() && !reference.closing()) {
     opened_m_ = opening_m_;
   }
+  stood_s_ = std::abs(opening_m_ - stood_m_) < kStands_m ? stood_s_ + dt_s : 0.0;
+  if (stood_s_ == 0.0) stood_m_ = opening_m_;
   const bool about_nothing = reference.closing() && (closed() || opening_m_ > opened_m_ - kLeastClosed_m);
   const bool grips = force_N() >= contact_force_N_ && !about_nothing;
   gripped_time_s_ = grips ? gripped_time_s_ + dt_s : 0.0;

@@ -37,6 +37,15 @@ class Fingers {
     return opening_m_ >= wanted_opening_m(reference) - std::max(reference.may_lack_m, supervisor_.open_tolerance_m);
   }
 
+  /// As far as they are told, all but what counts as closed.
+  bool opened_wide(const LimbReference& reference) const noexcept {
+    return opening_m_ > wanted_opening_m(reference) - kLeastClosed_m;
+  }
+  /// They have not moved for as long as a screw takes to turn through the squeeze that it had.
+  bool stands() const noexcept { return stood_s_ >= kStands_s; }
+  /// They close from here, for another try.
+  void close_again() noexcept { opened_m_ = opening_m_; }
+
   /// Presses with `wanted_N` on a hold, opens in the air.
   void grasp(const LimbReference& reference, double wanted_N, double dt_s) noexcept;
   /// Enables or disables closing at full speed.
@@ -79,14 +88,18 @@ class Fingers {
   /// They are at their closed stop.
   bool closed() const noexcept;
 
+  static constexpr double kLeastClosed_m = 0.001;  ///< fingers that came down about a hold close so far, or are jammed
+  static constexpr double kStands_s = 0.5;
+
   GripperDescription gripper_;
   SupervisorParameters supervisor_;
   double contact_force_N_;
   GraspController grasp_;
   double opening_m_ = 0.0, speed_m_s_ = 0.0, force_N_ = 0.0;  ///< measured
   bool trusts_force_ = true, stand_ = false;
-  double opened_m_ = 0.0;           ///< before they closed
-  double gripped_opening_m_ = 0.0;  ///< at contact
+  double opened_m_ = 0.0;                 ///< before they closed
+  double stood_m_ = 0.0, stood_s_ = 0.0;  ///< where they stand, and for how long
+  double gripped_opening_m_ = 0.0;        ///< at contact
   double gripped_time_s_ = 0.0;
 };
 

@@ -180,7 +180,7 @@ class PulledGrasp : public testing::Test {
 
   /// Climbs until LF bears on its new hold or a fault is told; the first `n` of its grasps creep when they are pulled.
   void climb_with_creep(int n) {
-    double creep_rad = 0.0, last_N = 0.0;
+    double creep_rad = 0.0, last_N = 0.0, jammed_m = 0.0;
     for (int i = 0; i < 30000 && phase() != static_cast<int>(LimbPhase::kLoad) && !run_.result.has_fault; ++i) {
       const bool closes = phase() == static_cast<int>(LimbPhase::kClose);
       if (closes && last_phase_ != phase()) ++grasps_;
@@ -189,13 +189,17 @@ class PulledGrasp : public testing::Test {
       const bool stands = force_N() > 1.0 && std::abs(force_N() - last_N) < 0.01;
       if (closes && stands && grasps_ <= n) creep_rad += 4e-5;
       last_N = force_N();
-      run_.plant.input().joint_position_rad[1] += creep_rad;
+      crux_msgs::control_input_t& in = run_.plant.input();
+      in.joint_position_rad[1] += creep_rad;
+      if (jams_ && jammed_m == 0.0 && closes && stands) jammed_m = in.finger_opening_m[0];
+      if (jammed_m > 0.0) in.finger_opening_m[0] = jammed_m;
       run_.step();
     }
   }
 
   Climber run_{sample_plan()};
   int grasps_ = 0, last_phase_ = 0;
+  bool jams_ = false;  ///< LF's fingers, where they are as they are first pulled
 };
 
 TEST_F(PulledGrasp, ThatGivesWayIsOpenedAndMadeAnewBesideIt) {
@@ -245,6 +249,14 @@ TEST_F(PulledGrasp, ThatGivesWayIsTriedToBothSidesThenToldAndThePlanStands) {
   EXPECT_EQ(run_.result.fault.limb, 0);
   EXPECT_EQ(run_.core.state(), SupervisorState::kHolding);
   EXPECT_EQ(phase(), static_cast<int>(LimbPhase::kClose));
+}
+
+TEST_F(PulledGrasp, OfFingersThatJammedAsTheyClosedIsNoGrasp) {
+  jams_ = true;
+  climb_with_creep(GraspRetry::kTries + 1);
+  EXPECT_EQ(run_.result.fault.code, static_cast<int>(FaultCode::kEventTimeout));
+  EXPECT_EQ(run_.result.fault.limb, 0);
+  EXPECT_EQ(grasps_, 1);  // fingers that do not open again do not close again
 }
 
 TEST_F(PulledGrasp, TakesItsTimeWhereTheLoadIsHeavy) {
