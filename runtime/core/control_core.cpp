@@ -34,7 +34,7 @@ ControlCore::ControlCore(const RobotDescription& robot)
       correction_(robot.control.body_gain_1_s, robot.control.max_body_correction_m,
                   robot.control.max_body_rotation_rad),
       localisation_(robot.localisation),
-      grips_(robot.stance),
+      grips_(robot),
       faults_(robot),
       balance_(robot.stance, robot.force_torque) {}
 

@@ -24,6 +24,12 @@ constexpr double kStill_m = 0.0003;     // moves less than that: it stands
 constexpr double kGivenOff = 0.05;      // share of its load that is left to a gripper whose hold gives way
 constexpr double kUnload_s = 0.1, kReload_s = 0.5;
 
+/// Along the faces, and of a pad's rim by a turn on them.
+Vector3 way_m(const StanceFit::Moved& moved) noexcept {
+  const Eigen::Vector2d along_m = moved.alone ? moved.way_m : Eigen::Vector2d(0.0, 0.0);
+  return {along_m.x(), along_m.y(), moved.turns_alone ? moved.turn_m : 0.0};
+}
+
 }  // namespace
 
 /// The second witness: friction is used as much as ever since contact, which did not slip.
@@ -44,10 +50,15 @@ int SlipWatch::window_of_motion(int limb, const StanceFit& stance, bool witnesse
   for (int window = 0; window < StanceFit::kWindows; ++window) {
     const StanceFit::Moved& moved = stance.moved(window);
     const auto& [floor, gain, most] = kThresholds[window];
-    const double least_m = std::min(floor * parameters_.slip_m + gain * stance.play_m(), most * parameters_.slip_m);
-    const double way_m = moved.way_m.norm();
-    const bool far = way_m > parameters_.max_slip_m, used_up = used_up_cycles_ago_ < StanceFit::kCycles[window];
-    if (moved.limb == limb && moved.alone && way_m > least_m && (!witnessed || used_up || far)) return window;
+    const auto beyond = [&, floor = floor, gain = gain, most = most](double way_m, double play_m) {
+      return way_m > std::min(floor * parameters_.slip_m + gain * play_m, most * parameters_.slip_m);
+    };
+    const double way_m = moved.alone ? moved.way_m.norm() : 0.0;
+    const double turn_m = moved.turns_alone ? std::abs(moved.turn_m) : 0.0;
+    const bool moves = beyond(way_m, stance.play_m()) || beyond(turn_m, stance.play_of_rim_m());
+    const bool far = std::max(way_m, turn_m) > parameters_.max_slip_m;
+    const bool used_up = used_up_cycles_ago_ < StanceFit::kCycles[window];
+    if (moved.limb == limb && moves && (!witnessed || used_up || far)) return window;
   }
   return -1;
 }
@@ -61,10 +72,10 @@ void SlipWatch::update(int limb, const StanceFit& stance, bool holds, double use
   const int window = window_of_motion(limb, stance, true);
   squeezes_ = squeezes_ || window >= 0 || (used > 0.0 && window_of_motion(limb, stance, false) >= 0);
   witnessed_s_ = window >= 0 ? witnessed_s_ + dt_s : 0.0;
-  const Eigen::Vector2d place_m = stance.since_contact(limb).shift_G_m.tail<2>();
+  const Vector3 place_m = stance.place_m(limb);
   if (!slips_ && witnessed_s_ > kWitnessed_s) {
     slips_ = true;
-    if (slid_m_ == 0.0) from_m_ = place_m - stance.moved(window).way_m;
+    if (slid_m_ == 0.0) from_m_ = place_m - way_m(stance.moved(window));
     slipped_at_ = used;
     slides_with_ = used_up_cycles_ago_ < StanceFit::kCycles[window] ? std::max(used_up_at_, used) : used;
     most_used_ = block_used_ = lately_used_ = std::min(most_used_, used);  // it began before it was seen

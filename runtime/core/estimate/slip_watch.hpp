@@ -27,7 +27,7 @@ class SlipWatch {
   bool slips() const { return slips_; }
   /// It has slid too far in spite of that.
   bool out_of_hand() const { return out_of_hand_; }
-  /// Slid since contact, from where its first slip began [m].
+  /// Slid since contact, from where its first slip began, a turn on the faces as the rim of a pad moves [m].
   double slid_m() const { return slid_m_; }
   /// Share of its load that it is to bear.
   double relief() const { return relief_; }
@@ -50,8 +50,8 @@ class SlipWatch {
   int used_up_cycles_ago_ = 0;
   double witnessed_s_ = 0.0;
   double used_up_at_ = 0.0, slides_with_ = 0.0;  ///< `used` when it was used up last, and before its last slip was seen
-  Eigen::Vector2d from_m_ = Eigen::Vector2d::Zero();  ///< where its slip began, along the faces
-  Eigen::Vector2d last_m_ = Eigen::Vector2d::Zero(), rest_m_ = Eigen::Vector2d::Zero();
+  Vector3 from_m_ = Vector3::Zero();             ///< where its slip began (StanceFit::place_m)
+  Vector3 last_m_ = Vector3::Zero(), rest_m_ = Vector3::Zero();
   double still_s_ = 0.0, slid_m_ = 0.0;
   double relief_ = 1.0;
 };

@@ -136,9 +136,16 @@ StanceFit::Fit StanceFit::fit_without(int limb, const PerLimb<Word>& words) cons
   const Vector6 body = -covariance * gradient;
   const Standing& own = limbs_[limb];
   const Eigen::Matrix<double, 2, 6> along = (own.rotation_GS * own.map.topRows<3>()).bottomRows<2>();
+  const Row on = own.rotation_GS.row(0) * own.map.bottomRows<3>();
   return {words[limb].off + own.map * body, std::max(squares + body.dot(2.0 * gradient + normal * body), 0.0),
-          std::sqrt((along * covariance * along.transpose()).trace())};
+          std::sqrt((along * covariance * along.transpose()).trace()), std::sqrt(on.dot(covariance * on))};
 }
+
+Vector3 StanceFit::on_faces(const Misfit& misfit) const noexcept {
+  return {misfit.shift_G_m.y(), misfit.shift_G_m.z(), pad_radius_m_ * misfit.turn_G_rad.x()};
+}
+
+double StanceFit::play_of_rim_m() const noexcept { return play_m_ * pad_radius_m_ / kArm_m; }
 
 Misfit StanceFit::in_gripper(const Standing& limb, const Row& off) const noexcept {
   return {limb.rotation_GS * off.head<3>(), limb.rotation_GS * off.tail<3>()};
@@ -207,12 +214,17 @@ void StanceFit::look_back(int window, double dt_s) noexcept {
   moved.way_m = slid.shift_G_m.tail<2>();
   moved.alone =
       parameters_.shift_sigma_m * std::sqrt(best.rest) < kAlone * off_m && kDoubts * best.doubt_m < moved.way_m.norm();
+  moved.turn_m = on_faces(slid).z();
+  const double turned_rad = std::abs(slid.turn_G_rad.x());
+  moved.turns_alone = parameters_.turn_sigma_rad * std::sqrt(best.rest) < kAlone * std::abs(misfit.turn_G_rad.x()) &&
+                      kDoubts * best.doubt_rad < turned_rad;
   if (window == 0) play_m_ = std::max(play_m_ * std::exp(-dt_s / parameters_.play_memory_s), explained_m);
 }
 
 double StanceFit::slid_m(int limb) const noexcept {
-  const Misfit slid = beyond_play(limbs_[limb], since_contact_[limb], limbs_[limb].cycles);
-  return std::max(slid.shift_G_m.tail<2>().norm() - kDoubts * doubt_m_[limb], 0.0);
+  const Vector3 slid_m = on_faces(beyond_play(limbs_[limb], since_contact_[limb], limbs_[limb].cycles));
+  const double along_m = std::max(slid_m.head<2>().norm() - kDoubts * doubt_m_[limb], 0.0);
+  return std::hypot(along_m, std::max(std::abs(slid_m.z()) - kDoubts * pad_radius_m_ * doubt_rad_[limb], 0.0));
 }
 
 double StanceFit::misfit_m(int limb) const noexcept {
@@ -220,10 +232,17 @@ double StanceFit::misfit_m(int limb) const noexcept {
   return std::max(since_contact_[limb].shift_G_m.norm(), kArm_m * since_contact_[limb].turn_G_rad.norm());
 }
 
+double StanceFit::misfit_off_faces_m(int limb) const noexcept {
+  if (limb != misfit_limb_) return 0.0;
+  const Misfit& misfit = since_contact_[limb];
+  return std::max(std::abs(misfit.shift_G_m.x()), kArm_m * misfit.turn_G_rad.tail<2>().norm());
+}
+
 void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {
   if (!begun_) play_m_ = parameters_.slip_m;  // not known yet
   since_contact_.fill({});
   doubt_m_.fill(0.0);
+  doubt_rad_.fill(0.0);
   moved_.fill({});
   misfit_limb_ = -1;
   if (!lay_body(limbs)) {
@@ -244,7 +263,9 @@ void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {
   for (int l = 0; l < kLimbs && counted >= kLeastHolds; ++l) {
     if (!words[l].counts) continue;
     since_contact_[l] = in_gripper(limbs_[l], fit_without(l, words).left);
-    doubt_m_[l] = fit_without(l, played).doubt_m;
+    const Fit doubtful = fit_without(l, played);
+    doubt_m_[l] = doubtful.doubt_m;
+    doubt_rad_[l] = doubtful.doubt_rad;
   }
   Fit best;
   misfit_limb_ = odd_one(words, best);

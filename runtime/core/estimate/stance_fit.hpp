@@ -35,7 +35,9 @@ class StanceFit {
   static constexpr int kWindows = 3;
   static constexpr std::array<int, kWindows> kCycles = {25, 100, 500};  ///< of each window
 
-  explicit StanceFit(const StanceParameters& parameters) : parameters_(parameters) {}
+  /// `pad_radius_m`: as far from the gripper's opening axis a turn about it slides the pads.
+  StanceFit(const StanceParameters& parameters, double pad_radius_m)
+      : parameters_(parameters), pad_radius_m_(pad_radius_m) {}
 
   /// Contact counts from now on, wherever the grippers are.
   void begin_anew() noexcept {
@@ -52,9 +54,14 @@ class StanceFit {
   const Misfit& since_contact(int limb) const { return since_contact_[limb]; }
   /// How far that is, a turn as a joint's arm makes of it, of the limb without which the others fit best; else 0 [m].
   double misfit_m(int limb) const noexcept;
+  /// The same without what pads that slide along their faces, or turn on them, move.
+  double misfit_off_faces_m(int limb) const noexcept;
   /// How far of that it is along its faces, beyond what play of its own joints explains and what the others, by theirs,
-  /// leave in doubt [m].
+  /// leave in doubt; a turn on them as the rim of a pad moves [m].
   double slid_m(int limb) const noexcept;
+  /// Where the pads are on their faces since contact: along y and z of the gripper, and their rim by a turn about x
+  /// [m].
+  Vector3 place_m(int limb) const noexcept { return on_faces(since_contact_[limb]); }
   /// The limb without which the others fit best, in the shortest window; -1 where fewer than three hold.
   int odd_limb() const { return moved_[0].limb; }
 
@@ -63,6 +70,8 @@ class StanceFit {
     int limb = -1;                                    ///< the odd one; -1: fewer than three held all the time
     bool alone = false;                               ///< the others fit much better
     Eigen::Vector2d way_m = Eigen::Vector2d::Zero();  ///< along its faces, beyond what play explains
+    bool turns_alone = false;                         ///< the others fit much better, by their turns
+    double turn_m = 0.0;                              ///< of a pad's rim by a turn on its face, beyond play
   };
   const Moved& moved(int window) const { return moved_[window]; }
 
@@ -83,8 +92,9 @@ class StanceFit {
   int looked() const { return looked_; }
   /// What moved slowly up to now counts no longer.
   void forget_drift() noexcept { far_known_ = 0; }
-  /// How far play has made grippers seem to move, lately.
+  /// How far play has made grippers seem to move, lately, and so a pad's rim by a turn.
   double play_m() const { return play_m_; }
+  double play_of_rim_m() const noexcept;
 
  private:
   using Row = Vector6;  ///< shift and turn of a gripper, axes of the stance's frame
@@ -120,6 +130,7 @@ class StanceFit {
     Row left = Row::Zero();  ///< what the limb itself is off the others
     double rest = 0.0;       ///< what the others are off each other, squared, by their deviations
     double doubt_m = 0.0;    ///< deviation of where the others have the gripper, along its faces
+    double doubt_rad = 0.0;  ///< and of how they have it turned on them
   };
 
   bool lay_body(const PerLimb<FittedLimb>& limbs) noexcept;
@@ -129,6 +140,7 @@ class StanceFit {
   Fit fit_without(int limb, const PerLimb<Word>& words) const noexcept;
   /// The limb without which the others fit best; -1: fewer than three count.
   int odd_one(const PerLimb<Word>& words, Fit& fit) const noexcept;
+  Vector3 on_faces(const Misfit& misfit) const noexcept;
   Misfit in_gripper(const Standing& limb, const Row& off) const noexcept;
   Misfit beyond_play(const Standing& limb, const Misfit& off, int cycles) const noexcept;
   void look_back(int window, double dt_s) noexcept;
@@ -140,12 +152,13 @@ class StanceFit {
   void explain(const Standing& limb, const Misfit& off, Drift& drift) const noexcept;
 
   StanceParameters parameters_;
+  double pad_radius_m_;
   Pose body_S_;  ///< S: the frame in which the grips stand still
   PerLimb<Standing> limbs_;
   PerLimb<Misfit> since_contact_;
   std::array<Moved, kWindows> moved_;
   int misfit_limb_ = -1;
-  PerLimb<double> doubt_m_{};  ///< of since_contact_, along the faces
+  PerLimb<double> doubt_m_{}, doubt_rad_{};  ///< of since_contact_, along the faces and turned on them
   std::array<Drift, kDrifts> drifts_;
   double play_m_ = 0.0;
   int now_ = 0;                   ///< in `past`

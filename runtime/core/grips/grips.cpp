@@ -32,11 +32,11 @@ Contact contact(const CycleView& now, int limb, const LimbReference& reference) 
           now.robot.gripper.pad_radius_m};
 }
 
-Grips::Grips(const StanceParameters& parameters)
-    : parameters_(parameters),
-      stance_(parameters),
-      slips_{SlipWatch(parameters), SlipWatch(parameters), SlipWatch(parameters), SlipWatch(parameters)},
-      drift_(parameters) {}
+Grips::Grips(const RobotDescription& robot)
+    : parameters_(robot.stance),
+      stance_(robot.stance, robot.gripper.pad_radius_m),
+      slips_{SlipWatch(robot.stance), SlipWatch(robot.stance), SlipWatch(robot.stance), SlipWatch(robot.stance)},
+      drift_(robot.stance) {}
 
 void Grips::begin_plan() noexcept {
   pull_.reset();

@@ -20,7 +20,7 @@ namespace crux {
 
 class Grips {
  public:
-  explicit Grips(const StanceParameters& parameters);
+  explicit Grips(const RobotDescription& robot);
 
   /// Another plan begins: pulls, tries and searches of the one before say nothing of it.
   void begin_plan() noexcept;

@@ -338,7 +338,10 @@ void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList&
     if (errors.grasp_failed[l])
       tell({FaultCode::kGraspFailed, l, can_.nodes.gripper, errors.gave_way_m, errors.gave_way_limit_m});
     if (lasts(errors.misfit_m[l] > stance_.max_misfit_m, misfit_time_s_[l], dt_s, p.persistence_s)) {
-      tell({FaultCode::kStanceMisfit, l, 0, errors.misfit_m[l], stance_.max_misfit_m});
+      // A gripper that has slipped, and is off along its faces alone, has slid there.
+      const bool slid = errors.slid_m[l] > 0.0 && errors.misfit_off_faces_m[l] <= stance_.max_misfit_m;
+      tell({slid ? FaultCode::kSlip : FaultCode::kStanceMisfit, l, slid ? can_.nodes.gripper : 0, errors.misfit_m[l],
+            stance_.max_misfit_m});
     }
     // A hold that is gone lets its gripper slide as well; it is told as gone before this lasts.
     if (lasts(errors.slips_on[l], slip_time_s_[l], dt_s, p.persistence_s))

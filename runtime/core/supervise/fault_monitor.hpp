@@ -38,11 +38,12 @@ struct LoopErrors {
   PerLimb<bool> slips_on{};             ///< in spite of all that was done
   double unbalanced_N = 0.0;
   int unbalanced_limb = -1;
-  PerLimb<double> misfit_m{};  ///< of the limb that does not fit the others
-  double late_s = 0.0;         ///< this cycle began so long after its instant
-  double waited_s = 0.0;       ///< for the plan clock's event
-  double below_m = 0.0;        ///< its plan the body hangs so far,
-  double rise_waited_s = 0.0;  ///< and has come no nearer for so long
+  PerLimb<double> misfit_m{};            ///< of the limb that does not fit the others
+  PerLimb<double> misfit_off_faces_m{};  ///< what of that no slide on its hold makes
+  double late_s = 0.0;                   ///< this cycle began so long after its instant
+  double waited_s = 0.0;                 ///< for the plan clock's event
+  double below_m = 0.0;                  ///< its plan the body hangs so far,
+  double rise_waited_s = 0.0;            ///< and has come no nearer for so long
   int waiting_limb = -1;
 };
 

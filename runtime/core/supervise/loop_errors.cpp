@@ -64,6 +64,7 @@ LoopErrors loop_errors(const CycleView& now, const Grips& grips, const WeightBal
     errors.ft_frozen_Nm[l] = settled ? limb.ft_frozen_Nm() : 0.0;
     errors.slid_m[l] = grips.slip(l).slid_m();
     if (pull.limb() != l) errors.misfit_m[l] = stance.misfit_m(l);
+    errors.misfit_off_faces_m[l] = stance.misfit_off_faces_m(l);
     errors.slips_on[l] = grips.slip(l).out_of_hand();
     errors.must_grip[l] = now.started && !walks && reference.load > kStandingLoad;
     errors.ft_limit_Nm[l] = limb.ft_limit_Nm(now.wrenches_W[l], now.body_W.rotation);

@@ -54,7 +54,7 @@ class Stance : public testing::Test {
 
   PerLimb<Pose> gripper_W_;
   PerLimb<bool> holds_{true, true, true, true};
-  StanceFit fit_{robot().stance};
+  StanceFit fit_{robot().stance, robot().gripper.pad_radius_m};
   double body_s_ = 0.0;
   bool stands_ = false;                  ///< the body
   Vector3 force_B_N_ = Vector3::Zero();  ///< on each gripper
@@ -172,7 +172,7 @@ TEST_F(Stance, AnEncoderThatDriftsIsNamedByItsJoint) {
   const std::array<Vector3, kPlacing> axis = {Vector3::UnitZ(), Vector3::UnitX(), Vector3::UnitX(),
                                               Vector3::UnitX(), Vector3::UnitY(), Vector3::UnitZ()};
   for (int joint = 0; joint < kPlacing; ++joint) {
-    StanceFit fit(robot().stance);
+    StanceFit fit(robot().stance, robot().gripper.pad_radius_m);
     double drifted_rad = 0.0;
     for (int i = 0; i < 4400; ++i) {
       drifted_rad += 0.001 * kDt_s;
@@ -319,6 +319,41 @@ TEST_F(Stance, AGripThatMovesSqueezesAndOneWhoseFrictionIsUsedUpAsWellSlips) {
   EXPECT_TRUE(used_up.squeezes());
   watch(100, 0.5, {0.0, 0.05, 0.0});
   EXPECT_TRUE(used_up.out_of_hand());
+}
+
+TEST_F(Stance, AGripperThatTurnsOnItsFacesSlipsByTheWayOfItsPadsRim) {
+  SlipWatch turns(robot().stance), tips(robot().stance);
+  const auto cycles_with = [&](int n, const Vector3& turn_rad_s) {
+    for (int i = 0; i < n; ++i) {
+      cycles(1, 1, Vector3::Zero(), turn_rad_s);
+      turns.update(1, fit_, true, 0.5, kDt_s);
+      tips.update(2, fit_, true, 0.5, kDt_s);
+    }
+  };
+  cycles_with(600, Vector3::Zero());
+  cycles_with(150, {0.2, 0.0, 0.0});
+  EXPECT_TRUE(turns.slips());
+  EXPECT_NEAR(turns.slid_m(), 0.06 * robot().gripper.pad_radius_m, 1e-4);
+  EXPECT_EQ(turns.slipped_at(), 0.5);
+  EXPECT_LT(turns.relief(), 1.0);
+  EXPECT_FALSE(turns.out_of_hand() || tips.squeezes());
+  EXPECT_NEAR(fit_.slid_m(1), 0.06 * robot().gripper.pad_radius_m, 1e-4);
+  EXPECT_NEAR(fit_.misfit_m(1), 0.06 * 0.25, 5e-4);
+  EXPECT_LT(fit_.misfit_off_faces_m(1), 1e-3);
+  cycles_with(700, Vector3::Zero());
+  EXPECT_FALSE(turns.slips());
+  cycles_with(1400, {0.2, 0.0, 0.0});
+  EXPECT_TRUE(turns.out_of_hand());
+}
+
+TEST_F(Stance, AGripperThatTipsOffItsFacesDoesNotSlip) {
+  SlipWatch tips(robot().stance);
+  for (int i = 0; i < 1200; ++i) {
+    cycles(1, 1, Vector3::Zero(), i < 600 ? Vector3(0.0, 0.0, 0.0) : Vector3(0.0, 0.1, 0.1));
+    tips.update(1, fit_, true, 0.5, kDt_s);
+  }
+  EXPECT_EQ(tips.slid_m(), 0.0);
+  EXPECT_GT(fit_.misfit_off_faces_m(1), 0.02);
 }
 
 TEST_F(Stance, AGripThatBearsMoreThanItSlippedAtIsAsGoodAsThat) {

@@ -42,6 +42,26 @@ class SupervisorTest : public testing::Test {
   Supervisor::Observation seen_;
 };
 
+TEST(Misfit, AlongTheFacesOfAGripThatHasSlippedIsASlide) {
+  const StanceParameters& limits = robot().stance;
+  const auto told = [&](double slid_m, double off_faces_m) {
+    FaultMonitor monitor(robot());
+    LoopErrors errors;
+    errors.misfit_m[1] = 1.1 * limits.max_misfit_m;
+    errors.misfit_off_faces_m[1] = off_faces_m;
+    errors.slid_m[1] = slid_m;
+    FaultList found;
+    monitor.loop_faults(errors, 2.0 * robot().supervisor.persistence_s, found);
+    return *found.begin();
+  };
+  EXPECT_EQ(told(0.0, 0.0).code, FaultCode::kStanceMisfit);
+  EXPECT_EQ(told(0.002, 1.1 * limits.max_misfit_m).code, FaultCode::kStanceMisfit);
+  const FaultEvent slid = told(0.002, 0.1 * limits.max_misfit_m);
+  EXPECT_EQ(slid.code, FaultCode::kSlip);
+  EXPECT_EQ(slid.limb, 1);
+  EXPECT_GT(slid.value, slid.limit);
+}
+
 TEST_F(SupervisorTest, IdleUntilItMayTakeOver) {
   EXPECT_EQ(update(seen_), SupervisorState::kIdle);
   EXPECT_EQ(update(with(command_t::START)), SupervisorState::kIdle);
