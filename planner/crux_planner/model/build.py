@@ -137,11 +137,6 @@ def _is_about_climbs(scenario: Scenario, robot: Robot) -> None:
     if scenario.uncertainty is not None and scenario.footholds:
         standing = f"is not supported yet where limbs may stand, as on {scenario.footholds[0].name}"
         raise wrong(scenario, "uncertainty", "", standing)
-    if scenario.planner.objective != "paper" and scenario.footholds:
-        standing = (
-            f"expected paper: other paces are not supported yet where limbs may stand, as on {_names(scenario)[-1]}"
-        )
-        raise wrong(scenario, "planner.objective", scenario.planner.objective, standing)
     if scenario.uncertainty is not None and scenario.leans:
         leaning = next(hold.name for hold in scenario.holds if hold.leans)
         raise wrong(scenario, "uncertainty", "", f"is not supported yet where {leaning} has faces that lean")

@@ -23,7 +23,8 @@ _ROUNDS, _LACK = 20, 1e-9  # of more load, until no more than this lacks [N, N m
 
 def bear_more(plan: plan_t, lack: Array, problem: Problem, squeeze_N: Array | None = None) -> None:
     """The plan with so much more force and moment about its centre of mass, `lack` (N, 6) in W, on the robot, in place:
-    the least change, and fingers squeeze as much more as friction needs for it, and by `squeeze_N` (N, 4) besides.
+    the least change, and fingers squeeze as much more as friction needs for it, and by `squeeze_N` (N, 4) besides. A
+    foot bears what it does as a force alone.
     """
     loads = _Loads(plan, problem)
     for k, wrench in enumerate(lack):
@@ -43,12 +44,15 @@ class _Loads:
     def __init__(self, plan: plan_t, problem: Problem) -> None:
         self.series, self.problem = plan_series(plan), problem
         series = self.series
+        self.feet = series.stance & series.on_wall  # (K, 4)
         self.forces, self.moments = series.finger_force_n.copy(), series.finger_moment_nm.copy()
         self.turn = gripper_rotation(series.gripper_yaw_rad, series.gripper_tilt_rad)
-        self.arm_m = series.gripper_position_m - _centres(series, problem)[:, None]
+        above_m = problem.shape.pad_radius * np.where(self.feet[..., None], self.turn[..., 2], 0.0)
+        self.arm_m = series.gripper_position_m - _centres(series, series.gripper_position_m + above_m, problem)[:, None]
         leans = np.array([hold.lean_rad for hold in plan.holds])
-        self.lean_rad = np.stack([leans[series.hold, series.finger1_face ^ side] for side in (0, 1)], axis=-1)
-        self.lean_rad[~series.stance] = 0.0
+        faces = np.where(self.feet, 0, series.finger1_face)
+        self.lean_rad = np.stack([leans[series.hold, faces ^ side] for side in (0, 1)], axis=-1)
+        self.lean_rad[~series.stance | self.feet] = 0.0
 
     def change(self, k: int, lack: Array, squeeze_N: Array) -> None:
         """By `lack` (6,) more force on the robot and moment about its centre of mass from a knot on, and by how much
@@ -56,15 +60,28 @@ class _Loads:
         """
         held: list[int] = np.flatnonzero(self.series.stance[k]).tolist()
         for limb in np.flatnonzero(squeeze_N).tolist():
-            lack = lack - self._add(k, limb, squeeze_N[limb] * _SQUEEZE) if limb in held else lack
-        least = np.linalg.pinv(np.concatenate([self._effect(k, limb, _UNITS) for limb in held]).T)
+            if limb in held and not self.feet[k, limb]:
+                lack = lack - self._add(k, limb, squeeze_N[limb] * _SQUEEZE)
+        feet = self.feet[k]
+        units = [self._of_forces(k, i, np.eye(3)) if feet[i] else self._effect(k, i, _UNITS) for i in held]
+        least = np.linalg.pinv(np.concatenate(units).T)
+        ends = np.cumsum([len(each) for each in units])
         for _ in range(_ROUNDS):
             if float(np.abs(lack).max()) <= _LACK:
                 return
-            for limb, (shear, lift, twist, push) in zip(held, (least @ lack).reshape(-1, 4), strict=True):
+            for limb, more in zip(held, np.split(least @ lack, ends[:-1]), strict=True):
+                if self.feet[k, limb]:
+                    self.forces[k, limb] += more / 2
+                    lack = lack - self._of_forces(k, limb, more)
+                    continue
+                shear, lift, twist, push = more
                 squeeze = abs(push) / 2 + self._squeeze(k, limb, np.array([shear, lift, twist]))
                 q = np.array([shear, lift, twist, squeeze + push / 2, squeeze - push / 2])
                 lack = lack - self._add(k, limb, q)
+
+    def _of_forces(self, k: int, limb: int, force_N: Array) -> Array:
+        """(..., 6) as `_effect`, of forces (..., 3) in W at a foot point."""
+        return np.concatenate([force_N, np.cross(self.arm_m[k, limb], force_N)], axis=-1)
 
     def _add(self, k: int, limb: int, q: Array) -> Array:
         """Adds q (5,) to what the fingers of a limb do; its effect."""
@@ -97,11 +114,11 @@ class _Loads:
         return np.concatenate([forces.sum(axis=-2), about.sum(axis=-2)], axis=-1)
 
 
-def _centres(series: PlanSeries, problem: Problem) -> Array:
-    """(K, 3) of mass, in W."""
+def _centres(series: PlanSeries, frames_m: Array, problem: Problem) -> Array:
+    """(K, 3) of mass, in W, with the grippers' frames at (K, 4, 3)."""
     to_h = rotation_z(-problem.heading_rad)
     poses = np.hstack([series.body_position_m @ to_h.T, series.body_rpy_rad - [0.0, 0.0, problem.heading_rad]])
-    hands: list[Any] = [series.gripper_position_m @ to_h.T, series.gripper_yaw_rad[..., None] - problem.heading_rad]
+    hands: list[Any] = [frames_m @ to_h.T, series.gripper_yaw_rad[..., None] - problem.heading_rad]
     if problem.hand_numbers == TILTED:
         hands.append(series.gripper_tilt_rad @ to_h[:2, :2].T)
     return centres_of_mass(problem, poses, np.concatenate(hands, axis=2)) @ to_h

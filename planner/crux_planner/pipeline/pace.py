@@ -50,8 +50,9 @@ def paced(result: PlanResult, scenario: Scenario, robot: Robot, work: Work) -> P
 
 
 def _at_pace(result: PlanResult, scenario: Scenario, robot: Robot) -> PlanResult | None:
-    """Fingers that move while the gripper does come first."""
-    formats = (plan_t.FORMAT_MOVING_FINGERS, plan_t.FORMAT_OWN_TIMES)
+    """Fingers that move while the gripper does come first, where no limb stands."""
+    of_grips = [plan_t.FORMAT_MOVING_FINGERS, plan_t.FORMAT_OWN_TIMES]
+    formats = [plan_t.FORMAT_FEET] if result.plan.format == plan_t.FORMAT_FEET else of_grips
     return next(filter(None, (_paced(result, scenario, robot, plan_format) for plan_format in formats)), None)
 
 
@@ -132,9 +133,11 @@ def set_times(plan: plan_t, step_s: Array, problem: Problem, squeeze_N: Array) -
 
 
 def _narrow_fingers(plan: plan_t, clearance_m: float) -> None:
-    """Opens fingers in a swing no wider than the hold that is near and the clearance need, in place."""
+    """Opens fingers in a swing between holds no wider than the hold that is near and the clearance need, in place."""
     series = plan_series(plan)
     for swing in series.swings():
+        if series.on_wall[[max(swing.first - 1, 0), swing.last + 1], swing.limb].any():
+            continue
         knots = range(swing.first + 1, swing.last + 1)
         ends_m = series.separation_m[[max(swing.first - 1, 0), swing.last + 1], swing.limb]
         widths_m = np.linspace(ends_m[0], ends_m[1], len(knots)) if len(knots) > 1 else [ends_m.max()]
