@@ -249,19 +249,24 @@ def within_cones(
     plan: PlanArrays, planned: Samples, shared: tuple[Samples, Array], centre_w_m: Array, twist_length_m: float
 ) -> tuple[Samples, Array]:
     """What `shared_load` made of the `planned` samples, with what feet on footholds cannot bear given to the others, as
-    the controller does: a foot beyond its cone bears the nearest force in it, and the rest is balanced anew about that.
+    the controller does: feet beyond their cones bear the nearest forces in them, and all is balanced anew about that,
+    some times in turn; then those that still are beyond keep such a force, and the rest is balanced about them.
     """
     (found, left), begun = shared, planned
-    net, fixed = (planned.force.sum(axis=1), np.zeros_like(centre_w_m)), np.zeros(planned.load.shape, dtype=bool)
-    for _ in range(len(LIMB_NAMES)):
+    net, stands = (planned.force.sum(axis=1), np.zeros_like(centre_w_m)), planned.foot & (planned.load > 0.0)
+    fixed = np.zeros(planned.load.shape, dtype=bool)
+    for turn in range(_TURNS + len(LIMB_NAMES)):
         nearest = nearest_in_cone(plan, found)
-        beyond = planned.foot & (planned.load > 0.0) & ~fixed
-        beyond &= np.linalg.norm(nearest - found.force, axis=2) > _IN_CONE_N
+        beyond = stands & ~fixed & (np.linalg.norm(nearest - found.force, axis=2) > _IN_CONE_N)
         if not beyond.any():
             break
-        fixed |= beyond
-        force = np.where(beyond[..., None], nearest, begun.force)
-        moment = np.where(beyond[..., None], np.cross(begun.below_m, force), begun.moment)
+        if turn < _TURNS:
+            begun, kept = found, stands
+        else:
+            kept = beyond
+            fixed |= beyond
+        force = np.where(kept[..., None], nearest, begun.force)
+        moment = np.where(kept[..., None], np.cross(begun.below_m, force), begun.moment)
         begun = replace(begun, force=force, moment=moment)
         others = replace(begun, load=np.where(fixed, 0.0, begun.load))
         force, moment, left = corrected_wrenches(others, twist_length_m, centre_w_m, net)
@@ -269,6 +274,7 @@ def within_cones(
     return found, left
 
 
+_TURNS = 10
 _IN_CONE_N = 1e-9  # so near to its cone a foot's force counts as in it
 
 
