@@ -39,8 +39,10 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
     """Raise ScenarioError where a start grasp is out of reach or the start is not in equilibrium."""
     for limb, name in enumerate(LIMB_NAMES):
         if (missing := _missing_reach(scenario, problem, limb)) is not None:
-            hold = _place_text(problem, problem.start_contacts[limb])
-            raise wrong(scenario, f"start.grasps.{name}.hold", hold, missing)
+            hold, what = _place_text(problem, problem.start_contacts[limb]), "hold"
+            if problem.contacts[problem.start_contacts[limb]].foot:
+                what = "foothold"
+            raise wrong(scenario, f"start.grasps.{name}.{what}", hold, missing)
     stance = problem.start_contacts
     at = problem.start.position_m
     no_balance = equilibrium.position(stance, at, at, at) is None

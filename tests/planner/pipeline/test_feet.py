@@ -103,6 +103,13 @@ def test_pads_keep_on_their_surface_and_off_what_stands_beside_it() -> None:
     assert [abs(contact.axis[1]) for contact in turned] == pytest.approx([1.0])
 
 
+def test_a_foothold_out_of_reach_is_named() -> None:
+    footholds = [{"name": f.name, "position_m": list(f.position_m)} for f in SLOPE.footholds]
+    footholds[1]["position_m"] = [-0.5, -0.36, 0.0]
+    with pytest.raises(ScenarioError, match=r"start.grasps.RR.foothold: foot-right-0: out of reach by \d+ mm"):
+        unproven(slope(footholds=footholds), ROBOT)
+
+
 def test_uncertainty_does_not_know_feet_yet() -> None:
     with pytest.raises(ScenarioError, match="uncertainty: is not supported yet where limbs may stand"):
         unproven(slope(uncertainty={"friction": 0.1}), ROBOT)
