@@ -86,8 +86,8 @@ TEST(FootShares, WhatFeetCannotBearGoesToTheGrips) {
     }
     beyond += moved_N > 1.0 ? 1 : 0;
     // Two grips alone turn the body about no line through both: the feet do that, as far as they come in a few rounds.
-    EXPECT_LT(force_N.norm(), 0.02);
-    EXPECT_LT(moment_Nm.norm(), 0.1);
+    EXPECT_LT(force_N.norm(), 0.1);
+    EXPECT_LT(moment_Nm.norm(), 0.5);
   }
   EXPECT_GT(beyond, 50);
 }

@@ -78,7 +78,7 @@ def pad_travel(
     holds' side faces, where some lean; `stands` (4,): limbs that have footholds too, on the wall.
 
     An episode begins when a pad on a hold (point feet: on the wall) presses with `contact_force_n` and ends when its
-    force is nearly gone.
+    force is nearly gone; a foot on a foothold presses with both of its pads.
     """
     travels: list[float] = []
     for pad in range(truth.pad_force_n.shape[1]):
@@ -89,7 +89,10 @@ def pad_travel(
         on_wall = (face >= 0) & (face_hold[face] < 0)
         on_hold = on_wall if point_feet else (face >= 0) & ~on_wall
         if stands is not None and stands[pad // 2]:
-            on_hold = face >= 0
+            feet = truth.pad_face[:, pad // 2 * 2 : pad // 2 * 2 + 2]
+            on_wall = ~on_hold & ((feet >= 0) & (face_hold[feet] < 0)).any(axis=1)
+            force = np.where(on_wall, truth.pad_force_n[:, pad // 2 * 2 : pad // 2 * 2 + 2].sum(axis=1), force)
+            on_hold = on_hold | on_wall
         for i in range(len(force)):
             position = truth.pad_position_m[i, pad]
             if start is None:
@@ -173,8 +176,9 @@ def _off(truth: Truth, robot: RobotModel) -> tuple[Bools, Bools]:
     on_wall = (truth.pad_face >= 0) & (robot.face_hold[truth.pad_face] < 0)
     touches = truth.pad_face >= 0 if robot.point_feet else on_wall
     pads = (-1, len(LIMB_NAMES), 2)
-    off_hold = np.asarray(((truth.pad_face < 0) | on_wall).reshape(pads).any(axis=2))
-    return off_hold, ~touches.reshape(pads).any(axis=2) | ~robot.stands
+    off_hold = ((truth.pad_face < 0) | on_wall).reshape(pads).any(axis=2)
+    off_wall: Bools = ~touches.reshape(pads).any(axis=2) | ~robot.stands
+    return np.asarray(off_hold), off_wall
 
 
 def _mishaps(

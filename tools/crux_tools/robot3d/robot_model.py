@@ -253,8 +253,7 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
         model = spec.compile()
     except ValueError as error:
         raise UsageError(f"{robot.folder} on the wall of {plan.scenario_name!r}: no physics of it: {error}") from None
-    stands = np.asarray(plan_series(plan).on_wall.any(axis=0))
-    return _with_addresses(model, robot, faces, is_walk(plan), stands)
+    return _with_addresses(model, robot, faces, is_walk(plan), np.asarray(plan_series(plan).on_wall.any(axis=0)))
 
 
 def _actuators(model: mujoco.MjModel, robot: Robot) -> dict[str, Any]:
