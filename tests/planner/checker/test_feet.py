@@ -89,6 +89,9 @@ def test_the_reader_of_plans_and_the_check_have_a_foot_s_gripper_at_the_same_pla
         for row in range(0, len(share), 3):
             read = reference.limb(limb, int(samples.interval[row]), float(share[row]))
             np.testing.assert_allclose(read.position_w_m, samples.gripper_position[row, limb], atol=1e-9)
+    about_foot_point = samples.moment - np.cross(samples.below_m, samples.force)
+    assert samples.foot.any()
+    np.testing.assert_allclose(about_foot_point[samples.foot], 0.0, atol=1e-9)
     stood = samples.gripper_position[0, RR]
     assert stood[2] == pytest.approx(ROBOT.gripper.pad_radius_m)
     assert samples.gripper_position[:, RR, 2].min() == pytest.approx(ROBOT.gripper.pad_radius_m)

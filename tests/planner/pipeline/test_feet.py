@@ -82,8 +82,9 @@ def test_feet_stand_on_bounded_surfaces(name: str, surfaces: set[str], planned: 
     assert stood_on == surfaces
 
 
-def test_feet_push_and_never_pull_in_the_search() -> None:
-    for up_m_s2, stands in ((-9.81, True), (9.81, False)):
+def test_feet_push_never_pull_and_bear_no_more_than_the_most_in_the_search() -> None:
+    """Three of them, 9.6 kg and 54 N each: 90 % of what pads press."""
+    for up_m_s2, stands in ((-9.81, True), (9.81, False), (-20.0, False)):
         problem = build_problem(slope(gravity_m_s2=[0.0, 0.0, up_m_s2]), ROBOT)
         equilibrium, at = StaticEquilibrium(problem, problem.friction_share), np.array([-0.07, 0.0, 0.185])
         feet = tuple(i for i, contact in enumerate(problem.contacts) if contact.foot)
