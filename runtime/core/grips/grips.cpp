@@ -1,6 +1,7 @@
 #include "core/grips/grips.hpp"
 
 #include <algorithm>
+#include <bit>
 
 namespace crux {
 namespace {
@@ -11,6 +12,12 @@ constexpr int kLeastOthers = 2;
 constexpr double kPulledLoad = 1e-3;
 // A foot that touches down presses with so many times the force of a contact.
 constexpr double kTouchPress = 1.5;
+// Of its friction, what a foot is asked for at least that has slid as far as it may.
+constexpr double kLeastTrust = 0.3;
+// A limb with this share of its load counts as standing.
+constexpr double kStandingLoad = 0.9;
+// So few grips alone do not show which of them creeps.
+constexpr int kLeastGrips = 3;
 
 }  // namespace
 
@@ -75,6 +82,12 @@ void Grips::watch(const CycleView& now, bool climbs, double dt_s) noexcept {
   }
   stance_.update(fitted, dt_s);
   for (int l = 0; l < kLimbs; ++l) {
+    const double slides = (foot_slid_m(now, l) - parameters_.slip_m) / (parameters_.max_slip_m - parameters_.slip_m);
+    const double trust = 1.0 - (1.0 - kLeastTrust) * std::clamp(slides, 0.0, 1.0);
+    const bool stands = now.reference.limbs[l].on_foothold && now.reference.limbs[l].gripping();
+    foot_trust_[l] = stands ? std::min(foot_trust_[l], trust) : 1.0;
+  }
+  for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& reference = now.reference.limbs[l];
     const LimbController& limb = now.limbs[l];
     const double used = reference.on_foothold
@@ -95,7 +108,9 @@ void Grips::watch(const CycleView& now, bool climbs, double dt_s) noexcept {
     compliances_[l].update(fitted[l].holds ? holding : 0, rotation_GW * limb.wrench_W().force_N,
                            stance_.since_contact(l).shift_G_m, dt_s);
   }
-  const bool grips_alone = slipping_limb() < 0 && pull_.limb() < 0 && !closes && !now.health.any_hold_lost();
+  const bool compares = !now.plan->footholds || std::popcount(holding) >= kLeastGrips;
+  const bool grips_alone =
+      compares && slipping_limb() < 0 && pull_.limb() < 0 && !closes && !now.health.any_hold_lost();
   PerLimb<double> compliance_m_N;
   for (int l = 0; l < kLimbs; ++l) compliance_m_N[l] = this->compliance_m_N(l);
   drift_.update(stance_, compliance_m_N, grips_alone, climbs, dt_s);
@@ -129,6 +144,15 @@ double Grips::load(const CycleView& now, int limb, const LimbReference& referenc
   return (needed && reference.gripping() ? 1.0 : reference.load) * relief(now, limb);
 }
 
+double Grips::foot_slid_m(const CycleView& now, int limb) const noexcept {
+  const LimbReference& reference = now.reference.limbs[limb];
+  const LimbController& foot = now.limbs[limb];
+  const bool stands = reference.on_foothold && reference.gripping() && reference.load > kStandingLoad;
+  if (!now.started || !stands || !foot.found() || foot.blind()) return 0.0;
+  const Vector3 off_m = foot.gripper_W_m(now.body_W) - foot.anchor_W_m(reference);
+  return (off_m - off_m.dot(reference.off_W()) * reference.off_W()).norm();
+}
+
 Wrench Grips::touch_W(const CycleView& now, const LimbReference& reference) const noexcept {
   const bool comes = reference.closing() || reference.phase == LimbPhase::kLoad;
   if (!reference.on_foothold || !comes) return {};
@@ -144,6 +168,7 @@ PerLimb<Bearer> Grips::bearers(const CycleView& now, const PlanReference& refere
                   now.health.hold_lost[l] ? Wrench() : limb.wrench_W * relief(now, l)};
     if (limb.on_foothold && !now.health.hold_lost[l]) {
       bearers[l].foot = foot_cone(now, limb);
+      bearers[l].foot.friction *= foot_trust_[l];
       bearers[l].position_W_m += limb.to_foot_W_m();
       bearers[l].finger_axis_W.setZero();
       bearers[l].planned_W = {limb.wrench_W.force_N + touch_W(now, limb).force_N, Vector3::Zero()};

@@ -77,6 +77,8 @@ class Grips {
 
   /// Share of its load that a limb bears; nothing once it has lost its hold.
   double load(const CycleView& now, int limb, const LimbReference& reference) const noexcept;
+  /// How far the foot of a limb has slid along its surface since it stood; nothing of what does not stand.
+  double foot_slid_m(const CycleView& now, int limb) const noexcept;
   /// What each limb is to bear by plan or pull, and how much of it.
   PerLimb<Bearer> bearers(const CycleView& now, const PlanReference& reference) const noexcept;
   /// The contact with the friction that the grasp is known to have: the plan's until it slips.
@@ -112,7 +114,8 @@ class Grips {
   PerLimb<HoldSearch> searches_;
   PerLimb<WallTouch> touches_;
   Touched touched_;
-  PerLimb<bool> rubs_{};       ///< a finger, on the hold that its limb lifts from
+  PerLimb<bool> rubs_{};                            ///< a finger, on the hold that its limb lifts from
+  PerLimb<double> foot_trust_{1.0, 1.0, 1.0, 1.0};  ///< share of friction that a foot is asked for: less once it slides
   PerLimb<double> borne_N_{};  ///< grasp force for the most that each grip has borne; none once it slipped
   Return return_ = Return::kNone;
 };

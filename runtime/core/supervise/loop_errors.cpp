@@ -18,7 +18,7 @@ bool moves_slowly(const CycleView& now, const Grips& grips, int limb) noexcept {
 }
 
 /// A foot on a foothold, in place of what is asked of fingers.
-void judge_foot(const CycleView& now, int l, LoopErrors& errors) noexcept {
+void judge_foot(const CycleView& now, const Grips& grips, int l, LoopErrors& errors) noexcept {
   const LimbReference& reference = now.reference.limbs[l];
   const LimbController& limb = now.limbs[l];
   const double asked_N = now.wrenches_W[l].force_N.dot(reference.off_W());
@@ -28,9 +28,7 @@ void judge_foot(const CycleView& now, int l, LoopErrors& errors) noexcept {
   errors.foot_N[l] = limb.foot_force_N(reference);
   errors.must_press[l] = stands && !now.health.force_torque_distrusted[l] &&
                          asked_N > kMustPress * now.robot.supervisor.min_stance_force_N;
-  if (!stands || !limb.found() || limb.blind()) return;
-  const Vector3 off_m = limb.gripper_W_m(now.body_W) - limb.anchor_W_m(reference);
-  errors.slid_m[l] = (off_m - off_m.dot(reference.off_W()) * reference.off_W()).norm();
+  errors.slid_m[l] = grips.foot_slid_m(now, l);
   errors.slips_on[l] = errors.slid_m[l] > now.robot.stance.max_slip_m;
 }
 
@@ -68,7 +66,7 @@ LoopErrors loop_errors(const CycleView& now, const Grips& grips, const WeightBal
     errors.slips_on[l] = grips.slip(l).out_of_hand();
     errors.must_grip[l] = now.started && !walks && reference.load > kStandingLoad;
     errors.ft_limit_Nm[l] = limb.ft_limit_Nm(now.wrenches_W[l], now.body_W.rotation);
-    if (reference.on_foothold) judge_foot(now, l, errors);
+    if (reference.on_foothold) judge_foot(now, grips, l, errors);
   }
   if (!stands_up) errors.drift = grips.drift();
   errors.gave_way_m = pull.gave_way_m();
