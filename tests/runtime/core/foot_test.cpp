@@ -225,6 +225,30 @@ TEST_F(OnAFoothold, AFootThatBearsNothingIsLostAndTheRobotHoldsWithItsHandsShut)
   EXPECT_LT(widest_m, 0.5 * plan_.knots[0].limbs[0].finger_separation_m);
 }
 
+TEST_F(OnAFoothold, AFootThatSlidesIsAskedForLessOfItsFriction) {
+  for (crux_msgs::plan_knot_t& knot : plan_.knots) knot.limbs[kRR].friction = 0.5;
+  sign(plan_);
+  Climber run(plan_);
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 2000));
+  run.steps(1000);
+  run.step(crux_msgs::command_t::START);
+  run.steps(150);
+  ASSERT_GT(run.result.state.plan_time_s, 0.1);
+  const auto used = [&] {
+    const Vector3 force_N(run.result.telemetry[kRR].force_reference_w_n);
+    return force_N.head<2>().norm() / force_N.z();
+  };
+  const double before = used();
+  double& yaw_rad = run.plant.input().joint_position_rad[kRR * kJoints];
+  const double stood_rad = yaw_rad;
+  for (int i = 1; i <= 60; ++i) {
+    yaw_rad = stood_rad + 0.0005 * i;
+    run.step();
+  }
+  EXPECT_GT(before, 0.25);
+  EXPECT_LT(used(), 0.8 * before);
+}
+
 TEST_F(OnAFoothold, ThePlanIsRefusedBackwardAndInPlaceOfAnother) {
   Climber run(plan_);
   ASSERT_TRUE(run.until(SupervisorState::kReady, 2000));
