@@ -86,6 +86,14 @@ def unsolved(gait: str, status: str) -> InfeasibleError:
 class LevelGoalError(InfeasibleError):
     """A level body at the very goal has no hold in reach: said of that pose, not of all that the tolerances allow."""
 
+    others = "; another body may hold there, but no way to it was found"
+
+
+class StuckError(LevelGoalError):
+    """A body at the goal has holds in reach, but nothing that was looked at leads there."""
+
+    others = ""
+
 
 def wrong(scenario: Scenario, key: str, value: str, expected: str) -> ScenarioError:
     """The error for a scenario whose author must correct `key`."""

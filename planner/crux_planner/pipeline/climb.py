@@ -114,7 +114,8 @@ def _plan_anyhow(climb: Climb, in_parts: InParts | None) -> PlanResult:
         none_level = min(tried.short, key=lambda each: each.needed)
     elif tried.unmoved and (none_level.constraint == TIME_LIMIT or (climb.problem.follows and climb.session.late)):
         none_level = _out_of_motion(tried.unmoved)
-    searched = tried.search(climb, False)[1] if climb.problem.follows and not tried.unmoved else None
+    by_boxes = held and isinstance(none_level, LevelGoalError)  # which the map contradicts
+    searched = tried.search(climb, False)[1] if (climb.problem.follows or by_boxes) and not tried.unmoved else None
     raise at_last(climb, (searched and stuck_at(searched)) or none_level, proof)
 
 

@@ -10,7 +10,7 @@ from crux_contracts.gripper_frames import gripper_rotation
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario, Uncertainty
 
-from crux_planner.errors import PLANNED_REACH, TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
+from crux_planner.errors import PLANNED_REACH, TIME_LIMIT, InfeasibleError, LevelGoalError, StuckError, wrong
 from crux_planner.model.arrays import Array
 from crux_planner.model.contacts import Contact
 from crux_planner.model.hands import hands_of, rotations
@@ -216,9 +216,11 @@ def stuck_at(search: MapSearch) -> InfeasibleError | None:
     """Where a search by map got nearest to the goal, and what keeps its limbs there; None where it stood nowhere."""
     if search.nearest is None:
         return None
-    nearest = _stance_text(search.problem, search.nearest[0])
+    nearest, kept = _stance_text(search.problem, search.nearest[0]), search.stuck(search.nearest)
+    if not search.problem.follows:
+        return StuckError("reach", f"the map leads no nearer to the goal than {nearest}: {kept}")
     text = f"no sequence of contacts found for a body that tilts with the surfaces; nearest to the goal was {nearest}"
-    return InfeasibleError("contacts", f"{text}: {search.stuck(search.nearest)}")
+    return InfeasibleError("contacts", f"{text}: {kept}")
 
 
 def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError | None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
+import crux_planner
 import pytest
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import ScenarioError
 from crux_planner.errors import InfeasibleError
 from crux_planner.pipeline import by_map
+from leaning import leaning
 from shared_plans import unproven
-from walls import blocked, hold, one_move, scenario, two_rows
+from walls import FEET, blocked, hold, one_move, scenario, two_rows
 
 Change = Callable[[dict[str, Any]], object]
 
@@ -176,3 +179,14 @@ def test_a_time_limit_that_is_too_short_is_told(robot: Robot) -> None:
     with pytest.raises(InfeasibleError) as error:
         unproven(scenario(two_rows()), robot, time_limit_s=1e-3)
     assert error.value.constraint == "time limit"
+
+
+def test_a_goal_that_no_hold_leads_to_is_not_said_to_be_out_of_reach() -> None:
+    """Its holds are farther ahead and behind than boxes of reach go, and within the map."""
+    wall = two_rows(all_limbs=False, slope_deg=90.0, steps=100)
+    ends = {limb: (0.7 + math.copysign(0.38, x_m), y_m) for limb, (x_m, y_m) in FEET.items()}
+    wall["holds"] = wall["holds"][:4] + [hold(f"far-{limb}", *place_m) for limb, place_m in ends.items()]
+    wall["goal"] = {"body": {"position_m": [0.7, 0.0, 0.185]}}
+    with pytest.raises(InfeasibleError, match="leads no nearer to the goal than LF ") as told:
+        crux_planner.plan(leaning({"+x": 6.0, "-x": 6.0}, wall, 0.06), "scaler", time_limit_s=6.0)
+    assert "beyond the reach" not in str(told.value)

@@ -135,8 +135,7 @@ class Proof:
         for most_turn_rad, turned in ((np.inf, ""), (_TURN_RAD, f" and turned by up to {np.degrees(_TURN_RAD):.0f}°")):
             if (gap := self._gap(most_turn_rad)) is not None:
                 return InfeasibleError("reach", gap + turned)
-        text = f"{reason}; another body may hold there, but no way to it was found"
-        return InfeasibleError(reason.constraint, text)
+        return InfeasibleError(reason.constraint, f"{reason}{reason.others}")
 
     def _gap(self, most_turn_rad: float) -> str | None:
         """Where on the straight way to the goal the limb that lacks most reach has nothing in reach; None: nowhere."""
