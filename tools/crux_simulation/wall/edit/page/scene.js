@@ -182,6 +182,7 @@ export class WallScene extends Stage {
 
   // What is under the pointer: { knob }, { id } of a body, { end } of the robot, or nothing.
   under(event) {
+    this.scene.updateMatrixWorld(); // of what has been made or moved since it was last drawn, too
     this.#aim(event);
     const knob = this.ray.intersectObjects(this.knobs.children)[0];
     if (knob) return { knob: knob.object.userData.knob };
