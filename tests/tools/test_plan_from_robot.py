@@ -15,6 +15,7 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import Scenario, load_scenario, parse_scenario
 from crux_msgs import robot_state_t
 from crux_planner import Planner
+from crux_tools.cli import main
 from crux_tools.errors import UsageError
 from crux_tools.guide.stance import scenario_from
 from crux_tools.paths import ROOT
@@ -131,3 +132,10 @@ def test_what_fits_no_holds_is_said(scenario: Scenario) -> None:
     status.reference[2].phase = status.reference[3].phase = SWING
     with pytest.raises(UsageError, match=r"3 grippers at least .* press: LF, RF"):
         scenario_from(scenario, robot, status, {})
+
+
+def test_where_limbs_may_stand_no_start_is_felt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wall = ROOT / "benchmarks" / "walls" / "feet-45.yaml"
+    words = ["plan", str(wall), "--from-log", str(tmp_path / "log.mcap"), "-o", str(tmp_path / "plan.mcap")]
+    assert main(words) == 2
+    assert "footholds: limbs may stand on foot-left-1" in capsys.readouterr().err

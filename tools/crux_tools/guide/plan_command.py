@@ -69,6 +69,9 @@ def _scenario(options: argparse.Namespace) -> str:
 
     try:
         scenario = load_scenario(options.scenario)
+        if scenario.footholds:
+            named = f"limbs may stand on {scenario.footholds[0].name}"
+            raise UsageError(f"{options.scenario}: footholds: {named}, and a start is found by grips on holds alone")
         robot = load_robot(scenario.robot)
         status = of_log(options.from_log) if options.from_log else of_robot(options.lcm)
         moved, stance = scenario_from(scenario, robot, status, dict(map(_named, options.on)))
