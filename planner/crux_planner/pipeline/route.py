@@ -78,7 +78,8 @@ def plan_route(
         raise wrong(scenario, "start.air", ", ".join(scenario.start.air), "expected all limbs on holds")
     no_footholds(scenario, "routes are")
     route = _Route(scenario, robot)
-    begun = {name: {k: v for k, v in vars(scenario.start.grasps[name]).items() if v is not None} for name in LIMB_NAMES}
+    grasps = {name: vars(scenario.start.grasps[name]) for name in LIMB_NAMES}
+    begun = {name: {k: v for k, v in grasp.items() if v not in (None, "")} for name, grasp in grasps.items()}
     tried = _Tried(time_limit_s, deadline, log)
     following = _Parts(route, route.start, begun, FIRST_SHARE, tried)
     if (held := following.next()) is None:
