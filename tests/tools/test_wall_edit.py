@@ -154,6 +154,9 @@ def test_what_is_no_wall_for_grippers_is_refused(tmp_path: Path, capsys: pytest.
     wrong.write_text((SCENARIOS / "climb-one-step.yaml").read_text().replace("slope_deg: ", "slope_deg: 4"))
     words = {
         (str(SCENARIOS / "walk-flat.yaml"),): "contact.model",
+        (
+            str(ROOT / "benchmarks" / "walls" / "feet-45.yaml"),
+        ): "start.grasps.RR.foothold: foot-right-0: expected a hold",
         (str(wrong),): "wrong.yaml:",
         (str(tmp_path),): "is a folder",
         (str(wrong), "--slope", "70"): "--slope",

@@ -39,8 +39,8 @@ class WallFile:
     """A scenario, which may lack start and goal, or a new one. `data`: what is on the disk as far as is known."""
 
     def __init__(self, path: Path, robot: str, slope_deg: float) -> None:
-        """Raises ScenarioError or another DocumentError where what is there is no scenario, UsageError of a walk, and
-        OutputError where it cannot be written.
+        """Raises ScenarioError or another DocumentError where what is there is no scenario, UsageError of a walk and of
+        limbs that stand at an end, and OutputError where it cannot be written.
         """
         self.path = path
         look_at_outputs({"WALL.yaml": path})
@@ -53,6 +53,11 @@ class WallFile:
         self.scenario = scenario_of(self.content, self.robot, str(path))
         if self.scenario.contact.model != "patch":
             raise UsageError(f"{path}: contact.model: point: expected patch: this is about holds for grippers")
+        for end in ("start", "goal"):
+            for limb, grasp in (self.content.get(end) or {}).get("grasps", {}).items():
+                if "foothold" in grasp:
+                    what = f"{end}.grasps.{limb}.foothold: {grasp['foothold']}: expected a hold"
+                    raise UsageError(f"{path}: {what}: the editor is about limbs that grip")
         self.places = places_of(self.content)
 
     def sketch(self) -> Sketch:
