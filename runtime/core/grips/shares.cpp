@@ -51,8 +51,7 @@ PerLimb<Wrench> on_feet(const CycleView& now, const PerLimb<Wrench>& wrenches,
 }  // namespace
 
 PerLimb<Wrench> balanced(const CycleView& now, const PerLimb<Bearer>& bearers) noexcept {
-  const PerLimb<Wrench> wrenches =
-      balanced_wrenches(bearers, now.com_W_m, weight_W_N(now), now.robot.control.twist_length_m);
+  PerLimb<Wrench> wrenches = balanced_wrenches(bearers, now.com_W_m, weight_W_N(now), now.robot.control.twist_length_m);
   if (!now.plan->footholds) return wrenches;
   return within_cones(wrenches, bearers, now.com_W_m, weight_W_N(now), now.robot.control.twist_length_m);
 }

@@ -17,7 +17,7 @@ Vector3 axis_W(const crux_msgs::limb_knot_t& knot) {
 
 /// A foot's position is its foot point, `radius_m` under the gripper.
 Vector3 gripper_W_m(const crux_msgs::limb_knot_t& knot, double radius_m) {
-  const Vector3 place_W_m(knot.gripper_position_w_m);
+  Vector3 place_W_m(knot.gripper_position_w_m);
   if (radius_m == 0.0) return place_W_m;
   const Matrix3 rotation = gripper_rotation(knot.gripper_yaw_w_rad, Eigen::Vector2d(knot.gripper_tilt_w_rad));
   return place_W_m + radius_m * rotation.col(2);
