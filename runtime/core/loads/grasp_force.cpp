@@ -9,8 +9,7 @@
 namespace crux {
 namespace {
 
-constexpr double kSensorsApart_N = 5.0;    // finger force and opening of one gripper
-constexpr double kMostUtilisation = 10.0;  // of a pad that all but hangs in the air
+constexpr double kSensorsApart_N = 5.0;  // finger force and opening of one gripper
 
 /// What one pad bears: along its face, and how hard it is pressed, each without squeeze and a newton of it.
 struct PadLoad {

@@ -10,6 +10,7 @@
 namespace crux {
 
 inline constexpr double kNoSqueeze_N = 1e3;
+inline constexpr double kMostUtilisation = 10.0;  ///< of a pad or foot that all but hangs in the air
 template <class T>
 using PerFinger = std::array<T, 2>;
 

@@ -5,14 +5,15 @@
 
 #include <algorithm>
 
+#include "core/loads/grasp_force.hpp"
+
 namespace crux {
 namespace {
 
 // Keeps the normal matrix regular when too few limbs bear load; 1e-9 of its size does not show in the balance.
 constexpr double kRegularisation = 1e-9;
-constexpr double kInCone_N = 1e-9;         // a force so near to its cone counts as in it
-constexpr int kRounds = 10;                // of projections on cones and balance in turn
-constexpr double kMostUtilisation = 10.0;  // of a foot that all but hangs in the air
+constexpr double kInCone_N = 1e-9;  // a force so near to its cone counts as in it
+constexpr int kRounds = 10;         // of projections on cones and balance in turn
 
 /// Plans `wrenches` for the bearers, those of feet within their cones; false where all were.
 bool put_in_cones(PerLimb<Bearer>& bearers, const PerLimb<Wrench>& wrenches) noexcept {
