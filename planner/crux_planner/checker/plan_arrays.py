@@ -261,23 +261,8 @@ def read_plan(plan: Any, findings: Findings, pad_radius_m: float = 0.0) -> PlanA
         return None
     limbs = [limb for knot in plan.knots for limb in knot.limbs]
     shape = (plan.n_knots, N_LIMBS)
-
-    def read(messages: Any, name: str, *shape: int, kind: type = float) -> Any:
-        return np.array([getattr(message, name) for message in messages], dtype=kind).reshape(shape)
-
+    first = first_foothold(plan.holds)
     try:
-        bodies = plan.holds[: first_foothold(plan.holds)]
-        cuboids = Cuboids(
-            tuple(hold.name for hold in bodies),
-            read(bodies, "graspable", -1) != 0,
-            read(bodies, "position_w_m", -1, 3),
-            read(bodies, "size_m", -1, 3),
-            read(bodies, "yaw_rad", -1),
-            read(bodies, "friction", -1, 5),
-            read(bodies, "spines", -1, 5) != 0,
-            read(bodies, "lean_rad", -1, 4),
-            read(bodies, "tilt_rad", -1, 2),
-        )
         arrays = PlanArrays(
             float(plan.dt_s),
             plan.format >= plan.FORMAT_OWN_TIMES,
@@ -288,24 +273,24 @@ def read_plan(plan: Any, findings: Findings, pad_radius_m: float = 0.0) -> PlanA
             float(plan.max_normal_n),
             float(plan.spine_shear_n),
             float(plan.spine_twist_nm),
-            read(plan.knots, "time_s", plan.n_knots),
-            read(plan.knots, "body_position_w_m", -1, 3),
-            read(plan.knots, "body_rpy_rad", -1, 3),
-            read(plan.knots, "body_velocity_w_m_s", -1, 3),
-            read(plan.knots, "body_angular_velocity_b_rad_s", -1, 3),
-            read(limbs, "phase", *shape, kind=int),
-            read(limbs, "hold", *shape, kind=int),
-            read(limbs, "finger1_face", *shape, kind=int),
-            read(limbs, "friction", *shape),
-            read(limbs, "gripper_position_w_m", *shape, 3),
-            read(limbs, "gripper_yaw_w_rad", *shape),
-            read(limbs, "gripper_tilt_w_rad", *shape, 2),
-            read(limbs, "finger_separation_m", *shape),
-            read(limbs, "finger_force_w_n", *shape, 2, 3),
-            read(limbs, "finger_moment_w_nm", *shape, 2, 3),
-            cuboids,
+            _read(plan.knots, "time_s", plan.n_knots),
+            _read(plan.knots, "body_position_w_m", -1, 3),
+            _read(plan.knots, "body_rpy_rad", -1, 3),
+            _read(plan.knots, "body_velocity_w_m_s", -1, 3),
+            _read(plan.knots, "body_angular_velocity_b_rad_s", -1, 3),
+            _read(limbs, "phase", *shape, kind=int),
+            _read(limbs, "hold", *shape, kind=int),
+            _read(limbs, "finger1_face", *shape, kind=int),
+            _read(limbs, "friction", *shape),
+            _read(limbs, "gripper_position_w_m", *shape, 3),
+            _read(limbs, "gripper_yaw_w_rad", *shape),
+            _read(limbs, "gripper_tilt_w_rad", *shape, 2),
+            _read(limbs, "finger_separation_m", *shape),
+            _read(limbs, "finger_force_w_n", *shape, 2, 3),
+            _read(limbs, "finger_moment_w_nm", *shape, 2, 3),
+            _cuboids(plan.holds[:first]),
             pad_radius_m,
-            read_footholds(plan.holds[len(bodies) :]),
+            read_footholds(plan.holds[first:]),
         )
     except (TypeError, ValueError) as error:
         findings.add("plan_format", 1.0, "", detail=f"a field has the wrong length or type: {error}")
@@ -313,6 +298,26 @@ def read_plan(plan: Any, findings: Findings, pad_radius_m: float = 0.0) -> PlanA
     if not _sound(arrays, findings):
         return None
     return replace(arrays, gripper_position=arrays.gripper_position + arrays.above_foot)
+
+
+def _read(messages: Any, name: str, *shape: int, kind: type = float) -> Any:
+    """A field of all messages."""
+    return np.array([getattr(message, name) for message in messages], dtype=kind).reshape(shape)
+
+
+def _cuboids(bodies: Any) -> Cuboids:
+    """Of a plan's holds and obstacles."""
+    return Cuboids(
+        tuple(hold.name for hold in bodies),
+        _read(bodies, "graspable", -1) != 0,
+        _read(bodies, "position_w_m", -1, 3),
+        _read(bodies, "size_m", -1, 3),
+        _read(bodies, "yaw_rad", -1),
+        _read(bodies, "friction", -1, 5),
+        _read(bodies, "spines", -1, 5) != 0,
+        _read(bodies, "lean_rad", -1, 4),
+        _read(bodies, "tilt_rad", -1, 2),
+    )
 
 
 def _steps(plan: Any) -> Array:
